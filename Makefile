@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: Apache-2.0
+# `make report` sets up from nothing and judges the recordings; `make test` sets up from nothing
+# and passes the tests. Both need Python 3.11, a C++ compiler and make, and nothing else.
+
+VENV := .venv
+BIN := $(VENV)/bin
+PYTHON ?= python3
+
+.PHONY: help report test lint unit replay sim clean
+
+help:
+	@echo "make report   set up, judge the recordings, write build/report/index.html"
+	@echo "make test     set up, run every check; with a Zephyr workspace also build and run the firmware"
+	@echo "make lint     ruff, mypy, generated files"
+	@echo "make sim      build the firmware and run the suite live on the simulated radio"
+	@echo "make clean    remove what the build made"
+
+$(VENV)/ready: pyproject.toml ci/debian-packages ci/packages.txt
+	bash ci/debian-packages base
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[build,dev]'
+	touch $@
+
+report: $(VENV)/ready
+	$(BIN)/hil report fixtures/recordings/* --output build/report
+
+test: lint unit replay sim
+
+lint: $(VENV)/ready
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/python -m hil.wire.cgen --check
+
+unit: $(VENV)/ready
+	bash ci/debian-packages test
+	$(BIN)/pytest tests/unit
+
+replay: $(VENV)/ready
+	$(BIN)/pytest tests/hil --hil-report build/replay
+
+sim: $(VENV)/ready
+	bash ci/sim
+
+clean:
+	rm -rf build

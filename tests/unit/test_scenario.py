@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Scenario files: what is read, and what each wrong one is told."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from hil import scenario
+from hil.errors import ScenarioError
+
+FULL = """
+name = "full"
+description = "every key"
+duration_s = 12.5
+seed = 7
+expect_fail = ["sync.error_p99_ns"]
+
+[firmware.leader]
+BV_CONN_INTERVAL = 24
+
+[nodes.leader]
+drift_ppm = 13.7
+start_offset_us = 12345
+wander = [{ amplitude_ppm = 0.2, period_s = 37.0, phase_rad = 0.5 }]
+
+[nodes.follower]
+drift_ppm = -31.1
+imu = { odr_error = -0.068 }
+
+[channel]
+kind = "multiatt"
+attenuation_db = 90
+"""
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / "scenario.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_every_key_is_read(tmp_path: Path) -> None:
+    read = scenario.load(write(tmp_path, FULL))
+    assert read.duration_s == 12.5
+    assert read.kconfig == {"leader": {"BV_CONN_INTERVAL": 24}}
+    assert read.node("leader").wander == (scenario.Wander(0.2, 37.0, 0.5),)
+    assert read.node("follower").imu == {"odr_error": -0.068}
+    assert read.channel == scenario.Channel("multiatt", 90)
+    assert read.expect_fail == ("sync.error_p99_ns",)
+
+
+def test_plain_data_round_trip(tmp_path: Path) -> None:
+    read = scenario.load(write(tmp_path, FULL))
+    assert scenario.from_mapping(scenario.to_mapping(read), "again") == read
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("name = ", "not valid TOML"),
+        ("duration_s = 3", "'name' is missing"),
+        ('name = "x"\nduration = 3', "unknown key 'duration'"),
+        ('name = "x"\nduration_s = 0', "must be positive"),
+        ('name = "x"\nduration_s = "long"', "wrong type"),
+        ('name = "x"\nseed = true', "wrong type"),
+        ('name = "x"\n[nodes.middle]\ndrift_ppm = 1', "unknown role 'nodes.middle'"),
+        ('name = "x"\n[channel]\nkind = "noisy"', "'noisy' is unknown"),
+        ('name = "x"\n[nodes.leader]\nwander = [{ amplitude_ppm = 1 }]', "period_s > 0"),
+    ],
+)
+def test_a_wrong_file_is_named_with_its_fault(tmp_path: Path, text: str, says: str) -> None:
+    path = write(tmp_path, text)
+    with pytest.raises(ScenarioError, match=r"scenario\.toml") as caught:
+        scenario.load(path)
+    assert says in str(caught.value)
+
+
+def test_a_missing_file_says_so(tmp_path: Path) -> None:
+    with pytest.raises(ScenarioError, match="cannot be read"):
+        scenario.load(tmp_path / "none.toml")
+
+
+@pytest.mark.parametrize(
+    "path",
+    sorted((Path(__file__).parents[2] / "fixtures/scenarios").glob("*.toml")),
+    ids=lambda p: p.stem,
+)
+def test_every_committed_scenario_is_valid(path: Path) -> None:
+    assert scenario.load(path).name == path.stem
