@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Consistent Overhead Byte Stuffing: writes any bytes without a 00.
+
+Each group of up to 254 bytes that are not zero is led by a code, the group's length plus one. A
+group stands for its bytes and one zero, except the last group, and except a full one (code FF).
+
+Source: S. Cheshire and M. Baker, Consistent Overhead Byte Stuffing, IEEE/ACM Transactions on
+Networking 7(2), 1999.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+FULL: Final = 0xFF
+"""Code of a group of 254 bytes, which stands for no zero."""
+
+RUN: Final = FULL - 1
+"""Most bytes in a group."""
+
+ROW_LIMIT: Final = 254
+"""Longest stuffed message that cannot hold a full group: what :func:`unstuff_rows` takes."""
+
+
+def stuff(data: bytes) -> bytes:
+    """The shortest stuffed form of ``data``; no delimiters."""
+    stuffed = bytearray()
+    *inner, last = data.split(b"\0")
+    for run in inner:
+        stuffed += _full_groups(run)
+        stuffed += _group(run[len(run) // RUN * RUN :])
+    stuffed += _full_groups(last)
+    # The end needs no group of its own when a full one has just said all.
+    if len(last) % RUN or not last:
+        stuffed += _group(last[len(last) // RUN * RUN :])
+    return bytes(stuffed)
+
+
+def _full_groups(run: bytes) -> bytes:
+    return b"".join(_group(run[at : at + RUN]) for at in range(0, len(run) - RUN + 1, RUN))
+
+
+def _group(run: bytes) -> bytes:
+    return bytes([len(run) + 1]) + run
+
+
+def unstuff(chunk: bytes) -> bytes | None:
+    """The message of which ``chunk`` is a stuffed form, or ``None`` when it is of none.
+
+    ``chunk`` must hold no 00.
+    """
+    message = bytearray()
+    at = 0
+    while at < len(chunk):
+        code = chunk[at]
+        message += chunk[at + 1 : at + code]
+        at += code
+        if code != FULL and at < len(chunk):
+            message.append(0)
+    return bytes(message) if at == len(chunk) else None
+
+
+def unstuff_rows(rows: NDArray[np.uint8], first: int, length: int) -> NDArray[np.bool_]:
+    """Unstuffs one chunk per row, in place; returns which rows were sound.
+
+    A row holds in columns ``first`` to ``first + length`` a chunk of at most :data:`ROW_LIMIT`
+    bytes and the 00 behind it. In a sound row the codes, and nothing else, become 0: that is the
+    message, from column ``first + 1`` on. Other rows are left as they were.
+
+    All chunks are walked at once, from code to code. The closing 00 takes no further step, so a
+    walk that has arrived stays where it is until the longest is over.
+    """
+    flat = rows.reshape(-1)
+    start = np.arange(first, flat.size, rows.shape[1])
+    at = start
+    visited = []
+    for _ in range(length):
+        step = flat.take(at, mode="clip")
+        if not np.count_nonzero(step):
+            break
+        visited.append(at)
+        at = at + step
+    sound: NDArray[np.bool_] = at == start + length
+    # Unsound walks stray into other rows: none of their steps may be written.
+    steps = visited if sound.all() else [codes[sound] for codes in visited]
+    flat[np.concatenate(steps)] = 0
+    return sound
