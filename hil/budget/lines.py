@@ -1,0 +1,325 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The lines of the error budget: the only place where a limit is written down in code."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from hil.budget.model import Case, Conditions, Line
+from hil.budget.sources import SIM_ALIAS_NS
+
+
+def _always(_: Conditions) -> bool:
+    return True
+
+
+def _short_interval(c: Conditions) -> bool:
+    return c.conn_interval_us <= 10_000
+
+
+def _sim_2m(c: Conditions) -> bool:
+    return c.simulated and c.phy == 2
+
+
+def _sim_1m(c: Conditions) -> bool:
+    return c.simulated and c.phy == 1
+
+
+def _bench_2m(c: Conditions) -> bool:
+    return not c.simulated and c.phy == 2
+
+
+def _simulated(c: Conditions) -> bool:
+    return c.simulated
+
+
+def _lossy(c: Conditions) -> bool:
+    return c.lossy
+
+
+def _lossy_short(c: Conditions) -> bool:
+    return c.lossy and _short_interval(c)
+
+
+def _by_interval(short: float, long: float, marginal: float) -> tuple[Case, ...]:
+    return (
+        Case("interval <= 10 ms", _short_interval, high=short, marginal=marginal),
+        Case("interval > 10 ms", _always, high=long, marginal=marginal),
+    )
+
+
+def _none(condition: str = "always") -> tuple[Case, ...]:
+    return (Case(condition, _always, high=0.0),)
+
+
+LINES: Final[tuple[Line, ...]] = (
+    Line(
+        "T1",
+        "sync error, 99th percentile",
+        "ns",
+        "2.58 times the rms of T3: 2.58 * 27.2 = 70 ns at 7.5 ms, 2.58 * 81.8 = 211 ns at 30 ms; "
+        "the limits are what the product asks for",
+        _by_interval(150.0, 300.0, 10.0),
+    ),
+    Line(
+        "T2",
+        "sync error, largest",
+        "ns",
+        "4.5 times the rms of T3: 4.5 * 27.2 = 122 ns and 4.5 * 81.8 = 368 ns; limits in "
+        "proportion to T1's, 5/3 and 3/2 of them",
+        _by_interval(250.0, 450.0, 10.0),
+    ),
+    Line(
+        "T3",
+        "sync error, rms",
+        "ns",
+        "grid behind the fit, wander within the window, COMPARE in whole ticks: "
+        "sqrt(11.83^2 + 16.50^2 + 18.04^2) = 27.2 ns at 7.5 ms, "
+        "sqrt(64.15^2 + 47.40^2 + 18.04^2) = 81.8 ns at 30 ms; limits 2/5 of T1's",
+        _by_interval(60.0, 120.0, 5.0),
+    ),
+    Line(
+        "T4",
+        "firmware model against an independent fit of the same captures, 99th percentile",
+        "ns",
+        "both are within T1 of the truth; they share the captures, so their difference may "
+        "not exceed one T1",
+        _by_interval(150.0, 300.0, 10.0),
+    ),
+    Line(
+        "T5",
+        "skew error, 99th percentile",
+        "ppb",
+        "grid in the slope and its lag behind the wander: "
+        "2.58 * sqrt(10.0^2 + 41.4^2) = 110 ppb at 7.5 ms, "
+        "2.58 * sqrt(52.5^2 + 110.2^2) = 315 ppb at 30 ms; over the 0.1 s that a model is "
+        "extrapolated the limits amount to 20 and 40 ns",
+        _by_interval(200.0, 400.0, 10.0),
+    ),
+    Line(
+        "T6",
+        "time from the first connection event to a locked model",
+        "s",
+        "one full window W = 2 s, one more to replace the pairs taken while the link's "
+        "parameters change, 1 s for the exchange of features and lengths",
+        (Case("always", _always, high=5.0),),
+    ),
+    Line(
+        "T7",
+        "share of the time after lock in which the model is locked",
+        "1",
+        "a loss-free link never leaves lock; a window of 2 s outlives any loss shorter than itself",
+        (Case("always", _always, low=0.99),),
+    ),
+    Line(
+        "T8",
+        "longest use of one model",
+        "s",
+        "a model is extrapolated with its skew error, rms of T5: in 1 s, "
+        "1 * sqrt(52.5^2 + 110.2^2) = 122 ns at 30 ms, still below T1",
+        (Case("always", _always, high=1.0),),
+    ),
+    Line(
+        "G1",
+        "difference of the pulse edges on the analyser, 99th percentile and largest",
+        "ns",
+        "simulation: two edges floored to the grid of 1 us, and T2 at 30 ms: "
+        "1000 + 450 = 1450 ns; an analyser as coarse as the grid is included. "
+        "Bench: T2 at 30 ms and an allowance for RX END jitter, which is not known on silicon: "
+        "450 + 550 = 1000 ns; the analyser's resolution is not included, it widens the "
+        "uncertainty",
+        (
+            Case("simulated", _simulated, high=1500.0),
+            Case("bench", _always, high=1000.0),
+        ),
+    ),
+    Line(
+        "G2",
+        "pulse edge against its programmed COMPARE",
+        "ns",
+        "the simulator floors COMPARE to its grid of 1000 ns; bench time is in whole ns",
+        (Case("always", _always, high=1001.0),),
+    ),
+    Line(
+        "B1",
+        "one-way bias: leader to follower minus half the round trip",
+        "ns",
+        "chain delay of transmitter and receiver: 5000 ns on 2M and 9000 ns on 1M in "
+        "simulation, within half the grid; on silicon about 5600 and 10000 ns from Zephyr's "
+        "radio header, not measured, so within 1000 ns",
+        (
+            Case("simulated, 2M", _sim_2m, low=4500.0, high=5500.0),
+            Case("simulated, 1M", _sim_1m, low=8500.0, high=9500.0),
+            Case("bench, 2M", _bench_2m, low=4600.0, high=6600.0),
+            Case("bench, 1M", _always, low=9000.0, high=11000.0),
+        ),
+    ),
+    Line(
+        "B2",
+        "mean error of the pairs' offset",
+        "ns",
+        "chain delays cancel in the two-way offset; what is left is the aliasing of the "
+        "drifts with the simulator's grid, at most 200 ns",
+        (Case("always", _always, low=-SIM_ALIAS_NS, high=SIM_ALIAS_NS),),
+    ),
+    Line(
+        "P1",
+        "wrong pairs: captures of another event, or offset off by more than 2 us",
+        "1",
+        "two roundings of at most half the grid: 2 * 1000 / 2 = 1000 ns, and as much again for "
+        "silicon; the END of another packet is at least 150 us + 44 us away, which moves the "
+        "offset by (150 + 44) / 2 = 97 us",
+        _none(),
+    ),
+    Line(
+        "P2",
+        "pairs used, as a share of connection events",
+        "1",
+        "seven tenths of the pairs widen T1 to 211 * sqrt(1/0.7) = 252 ns at 30 ms, within its "
+        "limit; a channel that corrupts 8 % of packets leaves 100 * 0.92 * 0.92 = 85 % of events "
+        "whole",
+        (
+            Case("lossy channel", _lossy, low=0.7),
+            Case("always", _always, low=0.95),
+        ),
+    ),
+    Line(
+        "P3",
+        "pairs dropped as outliers, as a share of all pairs",
+        "1",
+        "a gate at four sigma drops 1 in 16,000; the rest allows for the first window, whose "
+        "sigma is not yet known",
+        (Case("always", _always, high=0.02),),
+    ),
+    Line(
+        "P4",
+        "captures without an END edge on the analyser",
+        "1",
+        "the edge and the capture come from the same PPI event",
+        _none(),
+    ),
+    Line(
+        "P5",
+        "pulses missing or without an edge, late pulses",
+        "1",
+        "while locked, both nodes emit every pulse, from the newest model that has arrived, "
+        "which T8 lets be 1 s old",
+        _none(),
+    ),
+    Line(
+        "W1",
+        "breaks in the 64-bit ticks",
+        "1",
+        "the 32-bit counter wraps every 2^32 / 16e6 = 268.4 s; each wrap is extended, so "
+        "time stamps never step back nor jump by 2^32",
+        _none(),
+    ),
+    Line(
+        "L1",
+        "reconnects, restarts and faults that the run did not ask for",
+        "1",
+        "the supervision timeout outlives any loss of the channels in the scenarios",
+        _none(),
+    ),
+    Line(
+        "L2",
+        "serial frames lost, corrupted, malformed or repeated; bytes of noise",
+        "1",
+        "1 Mbaud carries the stream; the reader is lossless",
+        _none(),
+    ),
+    Line(
+        "L3",
+        "radio packets with a wrong CRC per connection event",
+        "1",
+        "an ideal channel corrupts none. An event carries about four packets; an eighth of them "
+        "corrupted is 4 * 0.125 = 0.5, which leaves 0.875 * 0.875 = 0.77 of the events for P2. "
+        "A lossy channel with hardly an error would test nothing",
+        (
+            Case("lossy channel", _lossy, low=0.01, high=0.5),
+            Case("simulated", _simulated, high=0.0),
+            Case("bench", _always, high=0.1),
+        ),
+    ),
+    Line(
+        "L4",
+        "messages dropped in the nodes' queues, refused payloads",
+        "1",
+        "queues hold more than one window of retransmission",
+        _none(),
+    ),
+    Line(
+        "L5",
+        "HELLO frames that do not name the expected image",
+        "1",
+        "role, target, schema hash, tick rate and build id must equal the manifest's",
+        _none(),
+    ),
+    Line(
+        "L6",
+        "longest time without a HELLO",
+        "s",
+        "HELLO is sent every 2 s; 1 s for a line that is full for a moment",
+        (Case("always", _always, high=3.0),),
+    ),
+    Line(
+        "I1",
+        "IMU samples lost, repeated, out of order or altered",
+        "1",
+        "the FIFO is read before it fills, and the link layer delivers each batch once",
+        _none(),
+    ),
+    Line(
+        "I2",
+        "sample rate over the nearest nominal rate",
+        "1",
+        "the chip's oscillator is several percent off; logs of real chips run at -6.8 %",
+        (Case("always", _always, low=0.9, high=1.1),),
+    ),
+    Line(
+        "I3",
+        "period in the batches against the slope of their time stamps",
+        "ppm",
+        "the period is in 1/256 tick of 2400 ticks at 6.67 kHz: 1e6 / 256 / 2 / 2400 = 0.8 ppm; "
+        "two stamps on the grid of 1 us, 1 s apart, add 1.4 ppm; 20 ppm is what the driver must "
+        "reach",
+        (Case("always", _always, high=20.0),),
+    ),
+    Line(
+        "I4",
+        "time of a batch against the one before plus its samples' periods",
+        "us",
+        "two stamps on the grid of 1 us, each off by it at most: 2 * 1 = 2 us",
+        (Case("always", _always, high=2.0),),
+    ),
+    Line(
+        "I5",
+        "follower's batch time on the leader's clock against truth, 99th percentile",
+        "ns",
+        "T1 and half a tick for the conversion to whole ticks: 150 + 31.25 = 181 ns, "
+        "300 + 31.25 = 331 ns",
+        _by_interval(182.0, 332.0, 10.0),
+    ),
+    Line(
+        "I6",
+        "age of the last sample of a follower's batch at the leader's serial line, 99th percentile",
+        "ms",
+        "20 ms for both nodes' threads and 216 B at 1 Mbaud, one interval to the next event and "
+        "two for batches queued before: 20 + 3 * 7.5 = 42.5 ms, 20 + 3 * 30 = 110 ms; where a "
+        "lossy channel repeats packets, eight intervals: 20 + 8 * 7.5 = 80 ms, "
+        "20 + 8 * 30 = 260 ms",
+        (
+            Case("lossy channel, interval <= 10 ms", _lossy_short, high=80.0),
+            Case("lossy channel, interval > 10 ms", _lossy, high=260.0),
+            Case("interval <= 10 ms", _short_interval, high=45.0),
+            Case("interval > 10 ms", _always, high=110.0),
+        ),
+    ),
+    Line(
+        "R1",
+        "blocks missing from the recording, or a recording that was cut",
+        "1",
+        "what is not there cannot be judged",
+        _none(),
+    ),
+)
