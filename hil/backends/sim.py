@@ -1,0 +1,122 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The simulated bench as a source of recordings: real firmware on a simulated radio."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import platform
+import time
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+
+from hil import build
+from hil.backends import Progress
+from hil.build import BabbleSim, Manifest
+from hil.recording import Event, Provenance, Recording, Writer, load
+from hil.scenario import Scenario, to_mapping
+from hil.simulator import Session
+
+BUILD_SHARE = 0.4
+"""Share of the progress shown that building takes, when there is something to build."""
+
+
+class SimBackend:
+    """Builds the images that a scenario wants and runs them on BabbleSim.
+
+    Args:
+        workspace: as :func:`hil.build.find_workspace`.
+        images: role -> manifest of images built for the simulated board; built when not given.
+        stall_limit_s: real time without simulated progress after which a node counts as hung.
+    """
+
+    source = "sim"
+
+    def __init__(
+        self,
+        workspace: Path | None = None,
+        images: Mapping[str, Manifest] | None = None,
+        *,
+        stall_limit_s: float = 30.0,
+    ) -> None:
+        self._workspace = workspace
+        self._images = images
+        self._stall_limit_s = stall_limit_s
+
+    def run(self, scenario: Scenario, output: Path, progress: Progress) -> Recording:
+        """Run ``scenario`` to its end and return the recording, which is then at ``output``.
+
+        What was recorded before a failure stays there, marked as aborted.
+
+        Raises:
+            BuildError: no workspace, no toolchain, no simulator, or the build failed.
+            RigError: a program of the simulation died or hung; the message names it.
+            RecordingError: ``output`` exists or cannot be written.
+        """
+        found = build.find_workspace(self._workspace)
+        babblesim = build.find_babblesim(found)
+        images = self._images or build.build_images(
+            scenario.kconfig,
+            "sim",
+            self._workspace,
+            lambda share, what: progress(BUILD_SHARE * share, what),
+        )
+        executables = {role: image.file("exe") for role, image in images.items()}
+        with (
+            Writer(output, provenance(scenario, images, babblesim)) as writer,
+            Session(babblesim, executables, scenario, self._stall_limit_s) as session,
+        ):
+            _record(session, scenario, writer, progress)
+        return load(output)
+
+
+def _record(session: Session, scenario: Scenario, writer: Writer, progress: Progress) -> None:
+    start_s = time.monotonic()
+
+    def pump() -> None:
+        for node in session.nodes:
+            for t_ns_bench, data in node.serial():
+                writer.write_serial(node.role, t_ns_bench, data)
+            writer.write_edges(*node.changes())
+
+    shown_s = 0.0
+    while session.wait():
+        pump()
+        now_s = time.monotonic()
+        if now_s - shown_s > 0.2:
+            shown_s = now_s
+            share = min(session.true_s / scenario.duration_s, 1.0)
+            speed = session.true_s / max(now_s - start_s, 1e-3)
+            progress(
+                BUILD_SHARE + (1 - BUILD_SHARE) * share,
+                f"simulated {session.true_s:.1f} of {scenario.duration_s:g} s, "
+                f"{speed:.1f} times as fast as real time",
+            )
+    pump()
+    while not session.drained():
+        pump()
+    wall_s = round(time.monotonic() - start_s, 3)
+    end_ns = round(scenario.duration_s * 1e9)
+    writer.write_event(Event(end_ns, "end", "", {"wall_s": wall_s}))
+    progress(1.0, f"simulated {scenario.duration_s:g} s in {wall_s:.1f} s")
+
+
+def provenance(
+    scenario: Scenario, images: Mapping[str, Manifest], babblesim: BabbleSim
+) -> Provenance:
+    """Where this recording comes from: enough to repeat the run."""
+    versions = sorted({image.zephyr_version for image in images.values()})
+    return Provenance(
+        source=SimBackend.source,
+        created_utc=datetime.now(UTC).isoformat(timespec="seconds"),
+        scenario=to_mapping(scenario),
+        manifests={role: image.to_mapping() for role, image in images.items()},
+        tools={
+            "hil": importlib.metadata.version("hil"),
+            "Python": platform.python_version(),
+            "Zephyr": ", ".join(versions),
+            "BabbleSim 2G4 phy": babblesim.version(),
+        },
+        host={"system": platform.system(), "machine": platform.machine()},
+        notes="Simulated radio, real firmware. The bench clock is true simulated time.",
+    )

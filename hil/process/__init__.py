@@ -1,0 +1,14 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Other programs: the only place in ``hil`` that starts them.
+
+Programs are argument lists, never shell strings. Each runs in a process group of its own, which
+is killed whole when its owner leaves the ``with`` block for any reason, and which dies with the
+owner even when the owner is killed outright. What a program says is kept, so that an error can
+show the program's own last words.
+"""
+
+from hil.process.child import Child
+from hil.process.guard import Guard
+from hil.process.run import Finished, capture, run
+
+__all__ = ["Child", "Finished", "Guard", "capture", "run"]

@@ -1,0 +1,194 @@
+# SPDX-License-Identifier: Apache-2.0
+"""One running program: its process group, its output, its end."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import queue
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections import deque
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import IO, Self
+
+from hil.errors import HilError, RigError
+
+TRAMPOLINE = Path(__file__).with_name("trampoline.py")
+LINES_KEPT = 4000
+STOP_GRACE_S = 2.0
+
+
+class Child:
+    """A program started in a process group of its own; a context manager that ends the group.
+
+    Standard output and error are read together, line by line, by a thread; a carriage return
+    ends a line like a newline does.
+
+    Args:
+        argv: program and arguments. The program is a path or is found on ``PATH``.
+        name: what messages call it.
+        cwd: working folder.
+        env: the whole environment; the caller's own by default.
+        core: CPU to pin it to.
+        error: raised when the program is not there.
+        mend: how to get it when it is not there.
+
+    Raises:
+        HilError: as ``error``: there is no such program, or no such folder.
+    """
+
+    def __init__(
+        self,
+        argv: Sequence[str | Path],
+        *,
+        name: str,
+        cwd: Path | None = None,
+        env: Mapping[str, str] | None = None,
+        core: int | None = None,
+        error: type[HilError] = RigError,
+        mend: str = "",
+    ) -> None:
+        if isinstance(argv, str) or not argv:
+            raise TypeError("argv must be a list of arguments, never a shell line")
+        self.argv = tuple(str(part) for part in argv)
+        self.name = name
+        program = shutil.which(self.argv[0], path=None if env is None else env.get("PATH"))
+        if program is None:
+            raise error(f"{name}: there is no program '{self.argv[0]}'", mend)
+        if cwd is not None and not cwd.is_dir():
+            raise error(f"{name}: there is no folder {cwd} to run it in", mend)
+        self.lines: deque[str] = deque(maxlen=LINES_KEPT)
+        self._fresh: queue.SimpleQueue[str | None] = queue.SimpleQueue()
+        self._popen = subprocess.Popen(
+            [
+                *(sys.executable, "-I", "-S", str(TRAMPOLINE)),
+                *(str(os.getpid()), "-" if core is None else str(core)),
+                *(os.path.abspath(program), *self.argv[1:]),
+            ],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            cwd=cwd,
+            env=None if env is None else dict(env),
+            start_new_session=True,
+        )
+        assert self._popen.stdout is not None
+        self._reader = threading.Thread(
+            target=self._read, args=(self._popen.stdout,), name=f"output of {name}", daemon=True
+        )
+        self._reader.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.stop(grace_s=STOP_GRACE_S if kind is None else 0.0)
+
+    @property
+    def pid(self) -> int:
+        """Process id, which is also the id of the process group."""
+        return self._popen.pid
+
+    def next_line(self, timeout_s: float) -> str | None:
+        """The next line of output.
+
+        Returns:
+            None when the output has ended.
+
+        Raises:
+            TimeoutError: nothing came in time.
+        """
+        try:
+            return self._fresh.get(timeout=timeout_s)
+        except queue.Empty:
+            raise TimeoutError from None
+
+    def exit_status(self) -> int | None:
+        """None while it runs; else its exit status, negative for the signal that killed it."""
+        if self._popen.returncode is None and self._has_ended():
+            # The leader is not yet reaped, so the group's number cannot belong to anyone else.
+            self._signal(signal.SIGKILL)
+            self._popen.wait()
+        return self._popen.returncode
+
+    def wait(self, timeout_s: float) -> int:
+        """Wait for the end and return the exit status.
+
+        Raises:
+            TimeoutError: still running.
+        """
+        deadline_s = time.monotonic() + timeout_s
+        while (status := self.exit_status()) is None:
+            if time.monotonic() > deadline_s:
+                raise TimeoutError
+            time.sleep(0.01)
+        return status
+
+    def stop(self, grace_s: float = STOP_GRACE_S) -> int:
+        """End the whole group: ask, wait ``grace_s``, kill. Safe to repeat."""
+        if self.exit_status() is None and grace_s > 0:
+            self._signal(signal.SIGTERM)
+            with contextlib.suppress(TimeoutError):
+                self.wait(grace_s)
+        if self.exit_status() is None:
+            self._signal(signal.SIGKILL)
+            self._popen.wait()
+        self._reader.join(timeout=STOP_GRACE_S)
+        assert self._popen.returncode is not None
+        return self._popen.returncode
+
+    def last_words(self, count: int = 40) -> str:
+        """The last ``count`` lines of output, indented for a message."""
+        # What was written just before the end is on its way through the reading thread.
+        if self._popen.returncode is not None:
+            self._reader.join(timeout=STOP_GRACE_S)
+        lines = [line for line in self.lines if line.strip()][-count:]
+        return "\n".join(f"    {line}" for line in lines) or "    (it said nothing)"
+
+    def _has_ended(self) -> bool:
+        options = os.WEXITED | os.WNOHANG | os.WNOWAIT
+        return os.waitid(os.P_PID, self.pid, options) is not None
+
+    def _signal(self, number: signal.Signals) -> None:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self.pid, number)
+
+    def _read(self, stream: IO[bytes]) -> None:
+        rest = b""
+        with stream:
+            while chunk := os.read(stream.fileno(), 65536):
+                *lines, rest = (
+                    (rest + chunk).replace(b"\r\n", b"\n").replace(b"\r", b"\n").split(b"\n")
+                )
+                for line in lines:
+                    self._keep(line)
+        if rest:
+            self._keep(rest)
+        self._fresh.put(None)
+
+    def _keep(self, line: bytes) -> None:
+        text = line.decode("utf-8", "replace")
+        self.lines.append(text)
+        self._fresh.put(text)
+
+
+def describe_status(status: int) -> str:
+    """An exit status in words."""
+    if status >= 0:
+        return f"exit status {status}"
+    try:
+        return f"killed by {signal.Signals(-status).name}"
+    except ValueError:
+        return f"killed by signal {-status}"

@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Command lines of the radio simulator and of the nodes. Pure: a scenario in, arguments out."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from hil.build import BabbleSim
+from hil.scenario import Channel, NodeScenario, Scenario
+
+DEVICES = ("leader", "follower")
+"""Role of each device number."""
+
+
+def phy(babblesim: BabbleSim, sim_id: str, scenario: Scenario) -> list[str]:
+    """The radio simulator, which ends the run after the scenario's duration."""
+    return [
+        str(babblesim.phy),
+        f"-s={sim_id}",
+        f"-D={len(DEVICES)}",
+        f"-sim_length={round(scenario.duration_s * 1e6)}",
+        f"-rs={scenario.seed}",
+        *("-nodump", "-no-color"),
+        *channel(scenario.channel),
+    ]
+
+
+def channel(settings: Channel) -> list[str]:
+    """The radio channel and the modem; the ideal channel needs no arguments."""
+    if settings.kind == "ideal":
+        return []
+    # Only this modem makes bit errors from noise; the default one receives everything.
+    return [
+        "-defmodem=BLE_simple",
+        "-channel=multiatt",
+        *("-argschannel", f"-at={settings.attenuation_db!r}"),
+    ]
+
+
+def node(
+    executable: Path, role: str, scenario: Scenario, *, sim_id: str, serial: str, folder: Path
+) -> list[str]:
+    """One node's image.
+
+    Args:
+        serial: path of the pseudoterminal for its UART.
+        folder: where its logs go, see :func:`times_file` and :func:`pins_file`.
+    """
+    device = DEVICES.index(role)
+    return [
+        str(executable),
+        f"-s={sim_id}",
+        f"-d={device}",
+        # Nodes with equal seeds would draw equal addresses and equal back-off delays.
+        f"-rs={scenario.seed * len(DEVICES) + device + 1}",
+        "-no-color",
+        *crystal(scenario.node(role)),
+        f"-hil_uart={serial}",
+        f"-hil_uart_times={times_file(folder, role)}",
+        f"-gpio_out_file={pins_file(folder, role)}",
+    ]
+
+
+def crystal(settings: NodeScenario) -> list[str]:
+    """Drift, start offset and wander, as :class:`hil.recording.ClockModel` reads them."""
+    options = [
+        f"-xo_drift={settings.drift_ppm * 1e-6!r}",
+        f"-start_offset={settings.start_offset_us}",
+    ]
+    if settings.wander:
+        terms = (
+            f"{term.amplitude_ppm * 1e-6!r}:{term.period_s!r}:{term.phase_rad!r}"
+            for term in settings.wander
+        )
+        options.append("-xo_wander=" + ",".join(terms))
+    return options
+
+
+def times_file(folder: Path, role: str) -> Path:
+    """Log of when the bytes left the UART."""
+    return folder / f"{role}.times"
+
+
+def pins_file(folder: Path, role: str) -> Path:
+    """Log of the changes of the output pins."""
+    return folder / f"{role}.pins.csv"
