@@ -1,0 +1,152 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#include "node.h"
+
+#include <errno.h>
+
+#include <zephyr/kernel.h>
+#include <zephyr/sys/printk.h>
+
+#include "diag_csv.h"
+#include "diag_report.h"
+#include "diag_uart.h"
+#include "sync_timer.h"
+
+#define REPORT_PERIOD_MS 1000
+/* HELLO comes with every second report. */
+#define REPORTS_PER_HELLO 2U
+
+/* A part that did not start. */
+struct failure {
+	uint16_t code;
+	int error;
+	const char *detail;
+};
+
+static struct failure failure;
+
+static bool check(int error, uint16_t code, const char *detail)
+{
+	if (error == 0) {
+		return true;
+	}
+	/* The first failure explains the ones after it. */
+	if (failure.detail == NULL) {
+		failure = (struct failure){.code = code, .error = error, .detail = detail};
+	}
+	return false;
+}
+
+static void report_failure(void)
+{
+	if (failure.detail != NULL) {
+		diag_report_fault(failure.code, (uint32_t)failure.error, failure.detail);
+	}
+}
+
+static void report_pulse(const struct sync_pulse_report *report)
+{
+	struct wire_pulse pulse = {
+		.index = report->index,
+		.scheduled_ticks_leader = report->scheduled_ticks_leader,
+		.compare_ticks_node = report->compare_ticks_node,
+		.captured_ticks_node = report->captured_ticks_node,
+		.flags = (uint8_t)((report->late ? WIRE_PULSE_FLAG_LATE : 0) |
+				   (report->captured ? WIRE_PULSE_FLAG_CAPTURED : 0)),
+	};
+	uint8_t payload[WIRE_PULSE_SIZE];
+
+	diag_uart_frame(WIRE_PULSE_ID, payload, wire_pulse_put(payload, &pulse));
+}
+
+void node_send_batch(const struct wire_imu_batch *batch)
+{
+	uint8_t payload[WIRE_IMU_BATCH_MAX_SIZE];
+
+	diag_uart_frame(WIRE_IMU_BATCH_ID, payload, wire_imu_batch_put(payload, batch));
+}
+
+void node_send_sync_state(const struct wire_sync_state *state)
+{
+	uint8_t payload[WIRE_SYNC_STATE_SIZE];
+
+	diag_uart_frame(WIRE_SYNC_STATE_ID, payload, wire_sync_state_put(payload, state));
+}
+
+void node_send_sync_capture(const struct wire_sync_capture *capture)
+{
+	uint8_t payload[WIRE_SYNC_CAPTURE_SIZE];
+
+	diag_uart_frame(WIRE_SYNC_CAPTURE_ID, payload, wire_sync_capture_put(payload, capture));
+}
+
+static void report_bad_payloads(uint32_t bad_payloads)
+{
+	static uint32_t reported;
+
+	if (bad_payloads != reported) {
+		reported = bad_payloads;
+		diag_report_fault(WIRE_FAULT_CODE_LINK_BAD_PAYLOAD, bad_payloads,
+				  "peer sent messages that were refused");
+	}
+}
+
+static void report_link(const struct node_config *config)
+{
+	struct wire_link_stats stats = {.t_ticks_node = sync_timer_now_ticks()};
+	struct sync_ppi_stats radio;
+	uint8_t payload[WIRE_LINK_STATS_SIZE];
+
+	sync_ppi_stats_get(&radio);
+	stats.events = radio.events;
+	stats.crc_errors = radio.crc_errors;
+	link_stats_fill(&stats);
+	config->fill_link_stats(&stats);
+	diag_uart_frame(WIRE_LINK_STATS_ID, payload, wire_link_stats_put(payload, &stats));
+	report_bad_payloads(stats.bad_payloads);
+}
+
+static void say_hello(void)
+{
+	diag_report_hello();
+	diag_csv_header();
+	report_failure();
+}
+
+static void start(const struct node_config *config)
+{
+	if (!check(sync_timer_init(), WIRE_FAULT_CODE_PPI_EXHAUSTED, "sync timer did not start")) {
+		return;
+	}
+	(void)check(sync_ppi_init(config->on_capture), WIRE_FAULT_CODE_PPI_EXHAUSTED,
+		    "no PPI or GPIOTE channel for radio captures");
+	(void)check(sync_pulse_start(config->clock, report_pulse), WIRE_FAULT_CODE_PPI_EXHAUSTED,
+		    "no PPI or GPIOTE channel for pulses");
+	(void)check(imu_source_start(config->on_batch), WIRE_FAULT_CODE_IMU_BUS,
+		    "IMU did not start");
+	(void)check(link_start(config->link), WIRE_FAULT_CODE_ASSERT, "Bluetooth did not start");
+}
+
+_Noreturn void node_run(const struct node_config *config)
+{
+	int64_t next_ms = k_uptime_get();
+	int err = diag_uart_init(NULL);
+
+	if (err) {
+		printk("diagnostic UART did not open: %d\n", err);
+	}
+	/* First of all, so that a reader knows who speaks; before any other frame. */
+	diag_report_hello();
+	diag_csv_header();
+	start(config);
+	report_failure();
+	for (uint32_t reports = 1;; reports++) {
+		next_ms += REPORT_PERIOD_MS;
+		k_sleep(K_TIMEOUT_ABS_MS(next_ms));
+		if (reports % REPORTS_PER_HELLO == 0U) {
+			say_hello();
+		}
+		diag_report_system();
+		report_link(config);
+		config->every_second();
+	}
+}
