@@ -14,7 +14,6 @@ import typer
 
 if TYPE_CHECKING:
     from hil.backends import Progress
-    from hil.measure import Measurement
     from hil.recording import Recording
 
 app = typer.Typer(
@@ -81,7 +80,7 @@ def build(
                 manifest = orchestrator.build(
                     one_role.value, one_target.value, workspace=workspace, progress=progress
                 )
-            terminal.render_manifest(manifest, console)
+            terminal.render_manifest(manifest.to_mapping(), console)
 
 
 @app.command()
@@ -134,20 +133,21 @@ def report(
 
     Example: [bold]hil report fixtures/recordings/* -o build/report[/bold]
     """
-    from rich.console import Console  # noqa: PLC0415
 
     from hil import checks  # noqa: PLC0415
     from hil import report as views  # noqa: PLC0415
 
-    judged: list[tuple[Recording, list[Measurement]]] = []
+    judged = []
     with _progress("judging") as progress:
         loaded = list(_load(recordings))
         for n, (path, recording) in enumerate(loaded):
             progress(n / len(loaded), str(path))
-            judged.append((recording, checks.evaluate(recording)))
+            judged.append(
+                views.Result(recording, checks.evaluate(recording), checks.series(recording))
+            )
         document = views.build(judged)
         views.write(document, output)
-    views.terminal.render(document, Console())
+    views.terminal.render(document, views.terminal.console())
     typer.echo(f"report: {output / 'index.html'}")
     if not views.sound(document):
         raise typer.Exit(1)
@@ -163,13 +163,12 @@ def _load(paths: list[Path]) -> Iterator[tuple[Path, Recording]]:
 
 
 def _judge_and_show(loaded: list[tuple[Path, Recording]]) -> None:
-    from rich.console import Console  # noqa: PLC0415
 
     from hil import checks  # noqa: PLC0415
     from hil import report as views  # noqa: PLC0415
 
     document = views.build([(recording, checks.evaluate(recording)) for _, recording in loaded])
-    views.terminal.render(document, Console())
+    views.terminal.render(document, views.terminal.console())
     if not views.passed(document):
         raise typer.Exit(1)
 

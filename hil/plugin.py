@@ -61,7 +61,7 @@ class Session:
     runs_dir: Path
     report_dir: Path | None
     workspace: Path | None
-    results: dict[str, tuple[Recording, list[Measurement]]]
+    results: dict[str, tuple[Recording, dict[str, Measurement]]]
     rig_failures: list[str]
     ran: int = 0
     used: bool = False
@@ -254,7 +254,7 @@ def recording(request: pytest.FixtureRequest) -> Recording:
     except HilError as error:
         session.rig_failures.append(f"{spec.id}: {error}")
         raise
-    session.results.setdefault(spec.id, (result, []))
+    session.results.setdefault(spec.id, (result, {}))
     return result
 
 
@@ -319,7 +319,7 @@ def measure(
         batch = list(measurements)
         if not batch:
             pytest.fail("nothing was measured: the check has no measurement to judge")
-        kept.extend(batch)
+        kept.update((m.name, m) for m in batch)
         for m in batch:
             request.node.user_properties.append((m.name, f"{m.value} {m.unit} {m.verdict}"))
         bad = [m for m in batch if not m.verdict.ok]
@@ -356,7 +356,7 @@ def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> Non
     terminalreporter.section("hil")
     for name, (_, measurements) in session.results.items():
         counts: dict[str, int] = {}
-        for m in measurements:
+        for m in measurements.values():
             counts[m.verdict.value] = counts.get(m.verdict.value, 0) + 1
         line = ", ".join(f"{n} {verdict}" for verdict, n in sorted(counts.items()))
         terminalreporter.write_line(f"{name}: {line or 'nothing measured'}")
@@ -370,9 +370,7 @@ def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> Non
 def pytest_sessionfinish(session: pytest.Session) -> Generator[None, None, None]:
     state = session.config.stash[_SESSION]
     if state.results and state.report_dir:
-        from hil import report  # noqa: PLC0415
-
-        report.write(report.build(list(state.results.values())), state.report_dir)
+        _write_report(state, state.report_dir)
     if session.exitstatus == pytest.ExitCode.TESTS_FAILED and state.rig_failures:
         only_rig = session.testsfailed <= len(_errors(session))
         session.exitstatus = EXIT_RIG_FAILURE if only_rig else session.exitstatus
@@ -383,6 +381,18 @@ def pytest_sessionfinish(session: pytest.Session) -> Generator[None, None, None]
     ):
         session.exitstatus = EXIT_NOT_RUN_LIVE
     return (yield)
+
+
+def _write_report(session: Session, folder: Path) -> None:
+    from hil import checks, report  # noqa: PLC0415
+
+    results = [
+        report.Result(
+            recording, list(measured.values()), checks.series(recording), live=bool(session.board)
+        )
+        for recording, measured in session.results.values()
+    ]
+    report.write(report.build(results), folder)
 
 
 def _errors(session: pytest.Session) -> list[Any]:

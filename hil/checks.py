@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The one list of checks: what every recording is judged by, live or replayed.
+
+The command line, the pytest suite and the report all call :func:`evaluate` or :func:`suite`;
+none of them knows a check of its own.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from hil import imu, link, timesync
+from hil.measure import Measurement
+from hil.recording import Recording
+from hil.series import Series
+
+SUITES: Final = ("sync", "link", "imu")
+
+
+def evaluate(recording: Recording) -> list[Measurement]:
+    """Every measurement of ``recording``, suite by suite."""
+    return [m for measurements in evaluate_suites(recording).values() for m in measurements]
+
+
+def evaluate_suites(recording: Recording) -> dict[str, list[Measurement]]:
+    """Suite -> its measurements; what the suites share is computed once."""
+    sync = timesync.analyse(recording)
+    return {
+        "sync": timesync.measure(recording, sync),
+        "link": link.measure(recording, sync.conditions),
+        "imu": imu.measure(recording, sync),
+    }
+
+
+def series(recording: Recording) -> list[Series]:
+    """What to draw of ``recording``, suite by suite."""
+    sync = timesync.analyse(recording)
+    return [*timesync.series(recording, sync), *imu.series(recording, sync)]
+
+
+def suite(recording: Recording, name: str) -> list[Measurement]:
+    """The measurements of one suite.
+
+    Raises:
+        ValueError: no such suite.
+    """
+    if name not in SUITES:
+        raise ValueError(f"no suite '{name}'; suites: {', '.join(SUITES)}")
+    return evaluate_suites(recording)[name]
+
+
+def suite_of(measurement: Measurement) -> str:
+    """The suite that a measurement belongs to, by the first part of its name."""
+    first = measurement.name.split(".", 1)[0]
+    return "link" if first == "node" else first

@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Are the samples all there, in order and on time? Limits: docs/error-budget.md, lines I."""
+
+from __future__ import annotations
+
+import pytest
+
+from tests.hil.conftest import Judge
+
+STREAMS = ("leader", "follower", "follower_at_leader")
+
+
+@pytest.mark.parametrize("stream", STREAMS)
+def test_batches_are_complete_and_in_order(judge: Judge, stream: str) -> None:
+    judge(
+        f"imu.{stream}.samples_lost",
+        f"imu.{stream}.samples_duplicated",
+        f"imu.{stream}.batches_out_of_order",
+        f"imu.{stream}.overruns",
+    )
+
+
+@pytest.mark.parametrize("stream", ["leader", "follower"])
+def test_rate_is_measured(judge: Judge, stream: str) -> None:
+    judge(
+        f"imu.{stream}.rate_hz",
+        f"imu.{stream}.period_error_ppm",
+        f"imu.{stream}.time_jitter_us",
+    )
+
+
+def test_leader_has_what_the_follower_sent(judge: Judge) -> None:
+    """The leader's copy holds the follower's samples unaltered, on the leader's clock, in time."""
+    judge(
+        "imu.follower_at_leader.samples_missing",
+        "imu.follower_at_leader.samples_altered",
+        "imu.follower_at_leader.time_error_p99_ns",
+        "imu.follower_at_leader.latency_p99_ms",
+    )
+
+
+def test_nothing_else_of_the_imu_is_wrong(judge: Judge) -> None:
+    """Whatever the suite measures beside what is named above."""
+    judge("imu.")
