@@ -80,6 +80,8 @@ def build(
                 manifest = orchestrator.build(
                     one_role.value, one_target.value, workspace=workspace, progress=progress
                 )
+            if manifest.unchanged:
+                console.print(f"{one_role} for {one_target}: nothing changed since it was built")
             terminal.render_manifest(manifest.to_mapping(), console)
 
 

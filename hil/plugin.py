@@ -262,7 +262,9 @@ def _output(session: Session, spec: RunSpec) -> Path:
     from hil import library  # noqa: PLC0415
 
     if session.record_name is None:
-        return session.runs_dir / spec.source / spec.path.stem / library.FILE_NAME
+        path = session.runs_dir / spec.source / spec.path.stem / library.FILE_NAME
+        path.unlink(missing_ok=True)
+        return path
     several = len(session.scenarios) != 1
     name = f"{session.record_name}-{spec.path.stem}" if several else session.record_name
     return library.target(session.recordings_dir, name)

@@ -13,6 +13,7 @@ from pathlib import Path
 from hil import build
 from hil.backends import Progress
 from hil.build import BabbleSim, Manifest
+from hil.errors import RigError
 from hil.recording import Event, Provenance, Recording, Writer, load
 from hil.scenario import Scenario, to_mapping
 from hil.simulator import Session
@@ -50,7 +51,8 @@ class SimBackend:
 
         Raises:
             BuildError: no workspace, no toolchain, no simulator, or the build failed.
-            RigError: a program of the simulation died or hung; the message names it.
+            RigError: an image is not the one that was built, or a program of the simulation died
+                or hung; the message names it.
             RecordingError: ``output`` exists or cannot be written.
         """
         found = build.find_workspace(self._workspace)
@@ -61,7 +63,7 @@ class SimBackend:
             self._workspace,
             lambda share, what: progress(BUILD_SHARE * share, what),
         )
-        executables = {role: image.file("exe") for role, image in images.items()}
+        executables = {role: executable(image) for role, image in images.items()}
         with (
             Writer(output, provenance(scenario, images, babblesim)) as writer,
             Session(babblesim, executables, scenario, self._stall_limit_s) as session,
@@ -99,6 +101,22 @@ def _record(session: Session, scenario: Scenario, writer: Writer, progress: Prog
     end_ns = round(scenario.duration_s * 1e9)
     writer.write_event(Event(end_ns, "end", "", {"wall_s": wall_s}))
     progress(1.0, f"simulated {scenario.duration_s:g} s in {wall_s:.1f} s")
+
+
+def executable(image: Manifest) -> Path:
+    """The program of an image built for the simulated board.
+
+    Raises:
+        RigError: it is not the one that the manifest describes, so that the recording would
+            be stamped with the wrong build.
+    """
+    if not image.is_intact("exe"):
+        raise RigError(
+            f"the {image.role} image at {image.file('exe')} is not the one that was built: "
+            "it was changed or deleted",
+            f"hil build --role {image.role} --target {image.target}",
+        )
+    return image.file("exe")
 
 
 def provenance(

@@ -94,12 +94,11 @@ class Manifest:
         data["warnings"] = list(self.warnings)
         return {"format": FORMAT, **data}
 
-    def is_intact(self) -> bool:
-        """True when every output file is there with the contents it was built with."""
+    def is_intact(self, *kinds: str) -> bool:
+        """True when the output files, all or those of ``kinds``, are as they were built."""
+        wanted = kinds or tuple(self.files)
         try:
-            return all(
-                describe(self.folder, self.folder / f.path) == f for f in self.files.values()
-            )
+            return all(describe(self.folder, self.file(k)) == self.files[k] for k in wanted)
         except OSError:
             return False
 

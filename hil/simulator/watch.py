@@ -17,6 +17,9 @@ END_TOLERANCE_S = 2.0
 """How long before the end of the run a node may have been heard of last. A node that has nothing
 to do with the radio tells the simulator its time once a second."""
 
+LOOKS = 7
+LOOK_INTERVAL_S = 0.05
+
 BUSY_STATES = {"R": "its processor never rests", "T": "it was stopped", "t": "it is being traced"}
 """Process states (proc(5)) that no program waiting for another one has."""
 
@@ -53,8 +56,7 @@ def hung(nodes: Sequence[Node], phy: Child, limit_s: float) -> RigError:
     programs.append((phy, "the radio simulator"))
     child, title = programs[0]
     why = "it waits for something that does not come"
-    for candidate in programs:
-        state = process_state(candidate[0].pid)
+    for candidate, state in zip(programs, steady_states(programs), strict=True):
         if state in BUSY_STATES:
             child, title = candidate
             why = BUSY_STATES[state]
@@ -64,6 +66,18 @@ def hung(nodes: Sequence[Node], phy: Child, limit_s: float) -> RigError:
         f"{limit_s:g} s ({why}); its last output:\n{child.last_words()}",
         "look for a loop that never sleeps, or for a wait with interrupts locked",
     )
+
+
+def steady_states(programs: Sequence[tuple[Child, str]]) -> list[str]:
+    """The state that each program was in at every one of a few looks; empty where it changed.
+
+    One look is not enough: a program that polls is busy now and then.
+    """
+    looks = []
+    for _ in range(LOOKS):
+        looks.append([process_state(child.pid) for child, _ in programs])
+        time.sleep(LOOK_INTERVAL_S)
+    return [seen[0] if len(set(seen)) == 1 else "" for seen in zip(*looks, strict=True)]
 
 
 def process_state(pid: int) -> str:

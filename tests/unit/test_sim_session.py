@@ -21,8 +21,9 @@ from pathlib import Path
 import pytest
 
 from hil.backends.sim import SimBackend
-from hil.build import BabbleSim, GitState, Manifest, OutputFile
-from hil.errors import HilError, RecordingError, RigError
+from hil.build import BabbleSim, GitState, Manifest
+from hil.build.manifest import describe
+from hil.errors import RecordingError, RigError
 from hil.recording import Recording, load
 from hil.scenario import Scenario, from_mapping
 from hil.simulator.session import shared_folder
@@ -126,7 +127,7 @@ def make_bench(folder: Path) -> Bench:
             build_id="00" * 8,
             inputs_sha256="",
             created_utc="",
-            files={"exe": OutputFile("zephyr.exe", "", 0)},
+            files={"exe": describe(folder / "image", folder / "image" / "zephyr.exe")},
             zephyr_version="4.1.0",
             toolchain="none",
             git=GitState("", "unknown"),
@@ -264,11 +265,19 @@ def test_a_simulator_that_does_not_start_is_named(bench: Bench) -> None:
     assert_nothing_left(bench.folder)
 
 
-def test_an_image_that_is_not_there_is_named(bench: Bench) -> None:
-    (bench.folder / "image" / "zephyr.exe").unlink()
-    with pytest.raises(HilError, match="leader node: there is no program"):
+@pytest.mark.parametrize("change", ["deleted", "built by somebody else"])
+def test_an_image_that_is_not_the_one_that_was_built_does_not_run(
+    bench: Bench, change: str
+) -> None:
+    image = bench.folder / "image" / "zephyr.exe"
+    if change == "deleted":
+        image.unlink()
+    else:
+        script(image, NODE + "\n")
+    with pytest.raises(RigError, match=r"leader image .* is not the one that was built") as caught:
         bench.run()
-    assert_nothing_left(bench.folder)
+    assert caught.value.mend == "hil build --role leader --target sim"
+    assert not (bench.folder / "run.mcap").exists()
 
 
 def test_an_existing_recording_is_not_touched(bench: Bench) -> None:
