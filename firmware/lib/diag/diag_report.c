@@ -86,6 +86,7 @@ static void take_smaller_headroom(const struct k_thread *thread, void *smallest)
 	}
 }
 
+/* In simulation threads run on the host's stacks, and this is merely the smallest stack. */
 static uint16_t stack_free_min_b(void)
 {
 	size_t smallest = UINT16_MAX;

@@ -9,6 +9,7 @@
 #include "diag_csv.h"
 #include "link.h"
 #include "node.h"
+#include "peer.h"
 #include "sync_wire.h"
 
 /* From the interrupt to the thread below: a quarter of a second at 7.5 ms. */
@@ -58,18 +59,18 @@ static void on_batch(const struct wire_imu_batch *batch)
 
 static void on_connected(uint16_t handle, bool central)
 {
+	peer_begin();
 	atomic_inc(&generation);
 	k_msgq_purge(&captures);
 	sync_ppi_connection_begin(handle, central);
 }
 
-static void on_ready(void)
-{
-}
-
 static bool on_message(uint8_t type, const uint8_t *payload, size_t len)
 {
-	return type == WIRE_SYNC_STATE_ID && clock_update(payload, len);
+	if (type == WIRE_HELLO_ID) {
+		return peer_take_hello(payload, len);
+	}
+	return peer_compatible() && type == WIRE_SYNC_STATE_ID && clock_update(payload, len);
 }
 
 static void fill_link_stats(struct wire_link_stats *stats)
@@ -91,7 +92,7 @@ int main(void)
 	static const struct link_callbacks link = {
 		.connected = on_connected,
 		.disconnected = sync_ppi_connection_end,
-		.ready = on_ready,
+		.ready = peer_greet,
 		.message = on_message,
 	};
 	static const struct node_config config = {

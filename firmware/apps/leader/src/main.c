@@ -9,6 +9,7 @@
 #include "follower_stream.h"
 #include "link.h"
 #include "node.h"
+#include "peer.h"
 #include "sync_ppi.h"
 #include "sync_pulse.h"
 #include "sync_task.h"
@@ -31,12 +32,9 @@ static void on_batch(const struct wire_imu_batch *batch)
 
 static void on_connected(uint16_t handle, bool central)
 {
+	peer_begin();
 	sync_task_connection_begin();
 	sync_ppi_connection_begin(handle, central);
-}
-
-static void on_ready(void)
-{
 }
 
 static bool take_capture(const uint8_t *payload, size_t len)
@@ -55,10 +53,12 @@ static bool take_capture(const uint8_t *payload, size_t len)
 static bool on_message(uint8_t type, const uint8_t *payload, size_t len)
 {
 	switch (type) {
+	case WIRE_HELLO_ID:
+		return peer_take_hello(payload, len);
 	case WIRE_SYNC_CAPTURE_ID:
-		return take_capture(payload, len);
+		return peer_compatible() && take_capture(payload, len);
 	case WIRE_IMU_BATCH_ID:
-		return follower_stream_take(payload, len);
+		return peer_compatible() && follower_stream_take(payload, len);
 	default:
 		return false;
 	}
@@ -81,7 +81,7 @@ int main(void)
 	static const struct link_callbacks link = {
 		.connected = on_connected,
 		.disconnected = sync_ppi_connection_end,
-		.ready = on_ready,
+		.ready = peer_greet,
 		.message = on_message,
 	};
 	static const struct node_config config = {

@@ -166,7 +166,8 @@ static void sync_thread(void *p1, void *p2, void *p3)
 		}
 		now_ticks = sync_timer_now_ticks();
 		if (now_ticks >= next_publish_ticks) {
-			next_publish_ticks = now_ticks + PUBLISH_PERIOD_TICKS;
+			next_publish_ticks =
+				now_ticks - now_ticks % PUBLISH_PERIOD_TICKS + PUBLISH_PERIOD_TICKS;
 			publish(now_ticks);
 		}
 	}
