@@ -1,0 +1,237 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The whole reference estimator on seeded sets: accuracy, false stillness, faults, consistency."""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+import pytest
+
+from hil.motion import lifts
+from hil.motion.imu_model import ErrorSpread
+from hil.motion.lifts import Lift
+from hil.motion.plan import Plan
+from hil.reference.estimator import Estimator, Flag, Sample
+from hil.reference.params import Params
+from hil.reference.study import Link, Run, run_set, summarise
+
+LEVEL = np.array([0.0, 0.0, 9.80665])
+
+
+def flags(run: Run, flag: Flag) -> np.ndarray:
+    return np.array([bool(o.flags & flag) for o in run.outputs])
+
+
+@pytest.fixture(scope="module")
+def touch_and_go() -> Run:
+    return run_set(lifts.bench(3, reps=5), 3)
+
+
+def test_touch_and_go_without_rest(touch_and_go):
+    s = summarise([touch_and_go])
+    assert (s.reps, s.missed, s.invented, s.false_zupt) == (5, 0, 0, 0)
+    assert s.mean_rmse < 0.010
+    assert s.peak_rmse < 0.015
+    assert flags(touch_and_go, Flag.ROUND_TRIP).sum() >= 3
+
+
+def test_with_rests():
+    run = run_set(lifts.deadlift(5, reps=3, rests=True), 5)
+    s = summarise([run])
+    assert (s.reps, s.missed, s.invented, s.false_zupt) == (3, 0, 0, 0)
+    assert s.mean_rmse < 0.005
+    assert s.peak_rmse < 0.008
+
+
+def test_peak_is_not_late(touch_and_go):
+    """Group delay is taken off: the peak's time is right to well below the filter's delay."""
+    late = np.mean([b.t_peak_s - a.t_peak_s for a, b in touch_and_go.pairs])
+    assert abs(late) < 0.003
+
+
+def test_no_stillness_in_a_slow_eccentric_or_a_bounce():
+    for lift in (lifts.slow_eccentric(4, reps=1), lifts.deadlift(4, reps=3)):
+        run = run_set(lift, 4)
+        assert run.false_zupt == 0
+        still = flags(run, Flag.STILL)
+        spans = np.zeros_like(still)
+        for begin, end in lift.still_spans_s:
+            spans |= (run.t_s >= begin) & (run.t_s <= end + 0.12)
+        assert not np.any(still & ~spans)
+        assert np.any(still)
+
+
+def test_impacts_beyond_full_scale_do_not_throw_the_state():
+    run = run_set(lifts.drop(3, reps=1), 3)
+    assert flags(run, Flag.CLIPPED).any()
+    assert run.false_zupt == 0
+    last = run.outputs[-1]
+    assert np.abs(last.v).max() < 0.01
+    assert np.linalg.norm(run.errors[-1, 6:8]) < np.radians(0.5)
+
+
+def test_a_lost_follower_degrades_and_recovers():
+    link = Link(lost_s=((3.0, 5.0),))
+    run = run_set(lifts.bench(6, reps=3), 6, link=link)
+    lost = flags(run, Flag.FOLLOWER_LOST)
+    during = (run.t_s > 3.3) & (run.t_s < 4.9)
+    after = run.t_s > 5.2
+    assert lost[during].all()
+    assert not lost[after].any()
+    assert flags(run, Flag.RIGID)[after].any()
+    assert summarise([run]).mean_rmse < 0.015
+
+
+def test_one_imu_alone_works():
+    run = run_set(lifts.bench(2, reps=3), 2, two=False)
+    s = summarise([run])
+    assert (s.missed, s.false_zupt) == (0, 0)
+    assert s.mean_rmse < 0.015
+    assert not flags(run, Flag.RIGID).any()
+
+
+def test_a_follower_on_another_bar_is_gated_out():
+    """Residuals of a motion that is not rigid must not reach the biases."""
+    rng = np.random.default_rng(1)
+    estimator = Estimator(Params())
+    gated = 0
+    for k in range(1200):
+        shake = 3.0 * np.sin(0.3 * k) if k > 600 else 0.0
+        noise = 0.015 * rng.standard_normal(3)
+        other = np.array([25.0 if k > 600 else 0.0, shake, 0.0])
+        own = Sample(k / 416.0, LEVEL + noise, 1e-3 * rng.standard_normal(3))
+        theirs = Sample(k / 416.0 - 0.001, LEVEL + other, np.zeros(3))
+        output = estimator.step(own, [theirs])
+        gated += output is not None and bool(output.flags & Flag.RIGID_GATED)
+    assert gated > 10
+    assert np.abs(estimator.nav.b_a).max() < 0.05
+
+
+def test_late_packets_are_worth_as_much_as_punctual_ones():
+    lift = lifts.bench(8, reps=1)
+    on_time = run_set(lift, 8, link=Link(latency_s=0.003, batch=1))
+    late = run_set(lift, 8, link=Link(latency_s=0.060, batch=8))
+    assert flags(late, Flag.RIGID).sum() > 0.95 * flags(on_time, Flag.RIGID).sum()
+    assert not flags(late, Flag.RIGID_GATED).any()
+
+
+def test_butterworth_prefilter_keeps_mean_velocity_and_its_time():
+    run = run_set(lifts.bench(3, reps=2), 3, Params(prefilter_iir=True))
+    s = summarise([run])
+    assert s.mean_rmse < 0.010
+    late = np.mean([b.t_peak_s - a.t_peak_s for a, b in run.pairs])
+    assert abs(late) < 0.006
+
+
+def test_shoe_detector_finds_the_same_rests():
+    lift = lifts.deadlift(7, reps=2, rests=True)
+    variance, shoe = (run_set(lift, 7, Params(zupt_shoe=choice)) for choice in (False, True))
+    assert shoe.false_zupt == 0
+    a, b = flags(variance, Flag.ZUPT), flags(shoe, Flag.ZUPT)
+    assert np.mean(a == b) > 0.9
+
+
+def test_starting_in_motion_is_survived():
+    """No still second at the start: alignment is poor, says so, and the next rest mends it."""
+    lift = lifts.deadlift(9, reps=2, rests=True)
+    whole = run_set(lift, 9)
+    begin = lift.still_spans_s[0][1] + 0.3
+
+    class Late(Estimator):
+        def step(self, leader, followers=()):
+            return None if leader.t_s < begin else super().step(leader, followers)
+
+    late = run_set(lift, 9, make=Late)
+    first, last = late.outputs[0], late.outputs[-1]
+    assert first.variance[6] > 100 * whole.outputs[0].variance[6]
+    assert np.abs(last.v).max() < 0.01
+
+
+def test_baseline_runs_beside_and_its_divergence_is_reported(touch_and_go):
+    divergence = np.array([o.divergence_rad for o in touch_and_go.outputs])
+    assert divergence[0] < 1e-3
+    assert 0.0 < divergence.max() < np.radians(20.0)
+
+
+def test_the_same_input_gives_the_same_output_bit_for_bit():
+    lift = lifts.bench(1, reps=1)
+    one, two = (run_set(lift, 1).outputs[-1] for _ in range(2))
+    for name in ("p", "v", "q", "b_a", "b_g", "variance"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
+
+
+def test_time_must_increase():
+    estimator = Estimator(Params())
+    estimator.step(Sample(1.0, LEVEL, np.zeros(3)))
+    with pytest.raises(ValueError, match="does not follow"):
+        estimator.step(Sample(1.0, LEVEL, np.zeros(3)))
+
+
+def test_too_many_follower_samples_at_once_are_refused():
+    sample = Sample(1.0, LEVEL, np.zeros(3))
+    with pytest.raises(ValueError, match="17 follower samples on one step: give at most 16"):
+        Estimator(Params()).step(sample, [sample] * 17)
+
+
+def matched_set(seed: int) -> Lift:
+    """A short carry with hands on the bar: rest, lift, hold, lower, hold."""
+    plan = Plan(np.random.default_rng([seed, 77]), 1.0)
+    plan.rest(0.8)
+    plan.move(0.6, 1.3)
+    plan.hold(0.5)
+    plan.move(0.7, 0.9)
+    plan.hold(0.6)
+    return Lift("matched", seed, plan.finish(), tuple(plan.still_spans_s), (), ())
+
+
+def test_nees_is_inside_its_95_percent_band_when_the_model_holds():
+    """Chips drawn from the filter's own model: E[NEES] = 5, averaged over 40 runs.
+
+    Everything that the filter rounds up on purpose (stillness that is exact, bounds, scale
+    errors) is switched off, so what is tested is the propagation itself. The chi-square band
+    for 40 x 5 degrees of freedom at 95 % is 4.07..6.02.
+    """
+    params = Params(
+        accel_bias_sigma_mps2=0.02,
+        accel_scale_sigma=0.0,
+        gyro_scale_sigma=0.0,
+        gyro_bias_sigma_still_radps=7e-5,
+        tilt_sigma_still_rad=8e-5,
+        velocity_sigma_still_mps=5e-4,
+        zupt_dwell=10**9,
+        bound_period_s=0.0,
+        round_trip=False,
+    )
+    spread = ErrorSpread(
+        accel_bias_mps2=0.02,
+        gyro_bias_radps=2e-3,
+        accel_walk_mps2_rts=1.5e-4,
+        gyro_walk_radps_rts=3e-6,
+        accel_scale=0.0,
+        gyro_scale=0.0,
+        accel_misalign_rad=0.0,
+        gyro_misalign_rad=0.0,
+    )
+    runs = [
+        run_set(matched_set(seed), seed, params, spread=spread, two=False) for seed in range(40)
+    ]
+    final = np.array([run.nees[-1] for run in runs])
+    assert 4.07 <= final.mean() <= 6.02
+
+
+@pytest.mark.skipif(not os.environ.get("HIL_DATA"), reason="set HIL_DATA to the real recordings")
+@pytest.mark.parametrize("trial", ["14", "15", "24"])
+def test_inclination_on_broad(trial):
+    """BROAD with optical truth: at least as good as Madgwick, within 1.5 times VQF-6D."""
+    from hil.reference import broad  # noqa: PLC0415
+
+    pytest.importorskip("h5py", reason="pip install h5py")
+    vqf = pytest.importorskip("vqf", reason="pip install vqf")
+    data = broad.load(os.environ["HIL_DATA"], trial)
+    ours = broad.inclination_rmse_deg(broad.attitude(data), data)
+    madgwick = broad.inclination_rmse_deg(broad.madgwick(data), data)
+    filtered = vqf.VQF(1.0 / data.rate_hz).updateBatch(data.gyro_radps, data.accel_mps2)
+    theirs = broad.inclination_rmse_deg(filtered["quat6D"], data)
+    assert ours <= madgwick
+    assert ours <= 1.5 * theirs
