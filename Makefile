@@ -6,6 +6,9 @@ VENV := .venv
 BIN := $(VENV)/bin
 PYTHON ?= python3
 
+# Recordings that other people made, for the tests that try estimators and decoders on them.
+export HIL_DATA ?= $(wildcard ../shared/data)
+
 .PHONY: help report test lint unit replay sim clean
 
 help:
