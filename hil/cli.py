@@ -24,6 +24,7 @@ app = typer.Typer(
     rich_markup_mode="rich",
     help="Hardware-in-the-loop rig for the two-node barbell velocity tracker: build the firmware, "
     "run it, record it, judge it.",
+    epilog="Example: [bold]hil replay fixtures/recordings/clean-7ms5[/bold]",
 )
 
 

@@ -79,6 +79,12 @@ def test_record_leaves_nothing_behind_when_it_cannot_run(tmp_path: Path) -> None
     assert not (tmp_path / "new").exists()
 
 
+def test_help_of_the_whole_shows_an_example() -> None:
+    result = hil("--help")
+    assert result.returncode == 0
+    assert "Example: hil replay" in result.stdout
+
+
 @pytest.mark.parametrize("command", ["build", "record", "replay", "report"])
 def test_help_shows_an_example(command: str) -> None:
     result = hil(command, "--help")
