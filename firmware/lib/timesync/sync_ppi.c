@@ -19,6 +19,8 @@
  * right after the radio's own and before the link layer moves its event counter on.
  */
 #define EGU_PRIORITY 0
+BUILD_ASSERT(EGU_PRIORITY < CONFIG_BT_CTLR_ULL_HIGH_PRIO,
+	     "the event counter is read before the link layer's own processing");
 #define CAPTURE_EGU  NRF_EGU3
 #define CAPTURE_IRQN DT_IRQN(DT_NODELABEL(egu3))
 

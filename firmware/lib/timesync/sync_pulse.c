@@ -118,6 +118,16 @@ static void sleep_until(uint64_t t_ticks_node)
 	}
 }
 
+/* A wrong or hostile model may put the next pulse anywhere. Only one that is about due, or just
+ * missed, is worth this thread's time; the schedule then goes on with the next model.
+ */
+static bool is_near(uint64_t t_ticks_node)
+{
+	uint64_t from_ticks = sync_timer_now_ticks() - PERIOD_TICKS;
+
+	return t_ticks_node - from_ticks < 4U * PERIOD_TICKS;
+}
+
 static void collect_capture(struct sync_pulse_report *report)
 {
 	uint32_t capture = sync_timer_capture_ticks(capture_channel);
@@ -137,12 +147,14 @@ static bool run_pulse(uint32_t index)
 	};
 	uint64_t due_ticks_node;
 
-	if (!node_clock.to_node(report.scheduled_ticks_leader, &due_ticks_node)) {
+	if (!node_clock.to_node(report.scheduled_ticks_leader, &due_ticks_node) ||
+	    !is_near(due_ticks_node)) {
 		return false;
 	}
 	sleep_until(due_ticks_node - LEAD_TICKS);
 	/* The model has moved on while this thread slept. */
-	if (!node_clock.to_node(report.scheduled_ticks_leader, &report.compare_ticks_node)) {
+	if (!node_clock.to_node(report.scheduled_ticks_leader, &report.compare_ticks_node) ||
+	    !is_near(report.compare_ticks_node)) {
 		return false;
 	}
 	report.late = !arm(report.compare_ticks_node);

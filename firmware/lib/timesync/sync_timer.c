@@ -20,6 +20,9 @@
 
 #define AUX_CHANNELS 4U
 
+/* A crystal starts within a millisecond or so (nRF52840 PS v1.7, 6.4.4.2); a dead one never. */
+#define HFXO_START_MS 100
+
 /* Far shorter than the 268 s after which an unnoticed wrap would lose 2^32 ticks. */
 #define TOUCH_PERIOD K_SECONDS(60)
 
@@ -47,10 +50,13 @@ static int hold_hfxo(void)
 	if (err < 0) {
 		return -EIO;
 	}
-	while (sys_notify_fetch_result(&hfxo_client.notify, &result) == -EAGAIN) {
+	for (int waited_ms = 0; waited_ms < HFXO_START_MS; waited_ms++) {
+		if (sys_notify_fetch_result(&hfxo_client.notify, &result) != -EAGAIN) {
+			return result < 0 ? -EIO : 0;
+		}
 		k_sleep(K_MSEC(1));
 	}
-	return result < 0 ? -EIO : 0;
+	return -EIO;
 }
 
 static void configure(NRF_TIMER_Type *timer)

@@ -8,7 +8,12 @@
 #include "sync_task.h"
 #include "sync_timer.h"
 
-#define LATE_TICKS ((uint64_t)CONFIG_BV_LINK_LATE_MS * 1000U * SYNC_TICKS_PER_US)
+#define TICKS_PER_MS ((int64_t)SYNC_TICKS_PER_US * 1000)
+
+#define LATE_TICKS (CONFIG_BV_LINK_LATE_MS * TICKS_PER_MS)
+/* Room for the error of the clock model. */
+#define FUTURE_TICKS (1 * TICKS_PER_MS)
+#define PAST_TICKS   (60000 * TICKS_PER_MS)
 
 /* Written by the Bluetooth RX thread alone; each is one word, so readers need no lock. */
 static uint32_t received;
@@ -32,15 +37,24 @@ static void convert(const struct sync_model *model, struct wire_imu_batch *batch
 	batch->period_ticks = sync_model_period_to_leader(model, batch->period_ticks);
 }
 
-static void count_late(const struct wire_imu_batch *batch)
+/* Age of the batch's last sample, in ticks. Negative is a sample from the future. */
+static int64_t age_ticks(const struct wire_imu_batch *batch)
 {
 	uint64_t last_ticks = batch->t_first_ticks_node +
 			      (uint64_t)(batch->count - 1U) * batch->period_ticks /
 				      SYNC_SUBTICKS_PER_TICK;
 
-	if (sync_timer_now_ticks() > last_ticks + LATE_TICKS) {
-		late++;
-	}
+	return (int64_t)(sync_timer_now_ticks() - last_ticks);
+}
+
+/* Nothing is sampled after it has arrived, and nothing older than the supervision timeout and the
+ * queue together can still come.
+ */
+static bool is_possible(const struct wire_imu_batch *batch)
+{
+	int64_t age = age_ticks(batch);
+
+	return age > -FUTURE_TICKS && age < PAST_TICKS;
 }
 
 bool follower_stream_take(const uint8_t *payload, size_t len)
@@ -53,13 +67,16 @@ bool follower_stream_take(const uint8_t *payload, size_t len)
 	    batch.source != WIRE_ROLE_FOLLOWER) {
 		return false;
 	}
-	count_gap(&batch);
 	/* Without a model its times mean nothing here; the sample index shows the gap. */
 	if (sync_task_model(&model)) {
 		convert(&model, &batch);
-		count_late(&batch);
+		if (!is_possible(&batch)) {
+			return false;
+		}
+		late += age_ticks(&batch) > LATE_TICKS ? 1U : 0U;
 		node_send_batch(&batch);
 	}
+	count_gap(&batch);
 	return true;
 }
 

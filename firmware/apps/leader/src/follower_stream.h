@@ -15,7 +15,7 @@
 /**
  * Take a batch, convert its times to the leader's clock and send it on.
  *
- * @return false when it is malformed or not the follower's.
+ * @return false when it is malformed, not the follower's, or of an impossible time.
  */
 bool follower_stream_take(const uint8_t *payload, size_t len);
 

@@ -32,10 +32,15 @@ static struct sync_estimator_params params;
 static struct sync_pairing pairing;
 static struct sync_estimator estimator;
 static uint8_t generation;
+/* A pair of the present connection has been used. Until then the follower may be one that has
+ * restarted, and the model one of a clock that is gone.
+ */
+static bool confirmed;
 
 static struct k_spinlock published_lock;
 static struct wire_sync_state published;
 static struct sync_model published_model;
+static bool published_confirmed;
 
 static void queue(enum item_kind kind, const struct sync_capture *capture)
 {
@@ -66,7 +71,7 @@ void sync_task_connection_begin(void)
 bool sync_task_model(struct sync_model *model)
 {
 	k_spinlock_key_t key = k_spin_lock(&published_lock);
-	bool usable = sync_wire_state_usable(published.state);
+	bool usable = published_confirmed && sync_wire_state_usable(published.state);
 
 	*model = published_model;
 	k_spin_unlock(&published_lock, key);
@@ -101,8 +106,20 @@ static void take_peer(const struct sync_capture *capture)
 		return;
 	}
 	used = sync_estimator_add(&estimator, &params, &pair);
+	confirmed = confirmed || used;
 	sync_wire_from_pair(&pair, capture->event, generation, used, &message);
 	diag_uart_frame(WIRE_SYNC_PAIR_ID, payload, wire_sync_pair_put(payload, &message));
+}
+
+static void begin_connection(void)
+{
+	k_spinlock_key_t key = k_spin_lock(&published_lock);
+
+	published_confirmed = false;
+	k_spin_unlock(&published_lock, key);
+	confirmed = false;
+	sync_pairing_reset(&pairing);
+	generation++;
 }
 
 static void take(const struct item *item)
@@ -115,8 +132,7 @@ static void take(const struct item *item)
 		take_peer(&item->capture);
 		break;
 	case ITEM_CONNECTION:
-		sync_pairing_reset(&pairing);
-		generation++;
+		begin_connection();
 		break;
 	}
 }
@@ -141,6 +157,7 @@ static void publish(uint64_t now_ticks)
 	key = k_spin_lock(&published_lock);
 	published = state;
 	published_model = estimate.model;
+	published_confirmed = confirmed;
 	k_spin_unlock(&published_lock, key);
 	node_send_sync_state(&state);
 	(void)link_send(WIRE_SYNC_STATE_ID, payload, wire_sync_state_put(payload, &state));

@@ -22,7 +22,11 @@ void sync_task_peer_capture(const struct sync_capture *capture);
 /** A new connection: event numbers start over. */
 void sync_task_connection_begin(void);
 
-/** The clock model in force. @return false while the clocks are not tied. */
+/**
+ * The clock model in force.
+ *
+ * @return false while the clocks are not tied, or not yet again since the last connection.
+ */
 bool sync_task_model(struct sync_model *model);
 
 /** The SYNC state published last. */
