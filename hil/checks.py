@@ -14,7 +14,7 @@ from hil.measure import Measurement
 from hil.recording import Recording
 from hil.series import Series
 
-SUITES: Final = ("sync", "link", "imu")
+SUITES: Final = ("sync", "link", "imu", "fifo")
 
 
 def evaluate(recording: Recording) -> list[Measurement]:
@@ -29,6 +29,7 @@ def evaluate_suites(recording: Recording) -> dict[str, list[Measurement]]:
         "sync": timesync.measure(recording, sync),
         "link": link.measure(recording, sync.conditions),
         "imu": imu.measure(recording, sync),
+        "fifo": imu.measure_fifo(recording, sync),
     }
 
 

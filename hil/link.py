@@ -93,9 +93,12 @@ def radio(recording: Recording, c: Conditions) -> list[Measurement]:
         ("link.batches_lost", stats, ("batches_lost",), "link_stats"),
         ("link.uart_dropped", system, ("uart_dropped",), "system"),
     )
+    # Each disconnection that the run asked for leaves one gap in the follower's sample index.
+    asked = {"link.batches_lost": sum(e.kind == "disconnect" for e in recording.events)}
     for name, of, fields, message in sources:
         per_role = last(of, *fields)
         total = sum(per_role.values())
+        total = max(0.0, total - asked.get(name, 0)) if math.isfinite(total) else total
         result.append(judged(name, total, "L4", c, how.format(message), details=per_role))
     return result
 

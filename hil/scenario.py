@@ -16,16 +16,28 @@ Example::
     start_offset_us = 12345
     wander = [{ amplitude_ppm = 0.2, period_s = 37.0, phase_rad = 0.0 }]
 
+    [nodes.leader.imu]           # the simulated sensor and how it is set up
+    odr_hz = 1667
+    odr_error = -0.068
+    faults = [{ kind = "overrun", at_s = 20.0 }]
+
+    [motion]                     # what the bar does: a lift of hil.motion.lifts
+    lift = "bench"
+    seed = 3
+
     [channel]
     kind = "multiatt"
     attenuation_db = 60.0
+
+    [[link_drops]]
+    at_s = 30.0
 """
 
 from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +45,15 @@ from hil.errors import ScenarioError
 
 ROLES = ("leader", "follower")
 CHANNEL_KINDS = ("ideal", "multiatt")
+IMU_FAULT_KINDS = (
+    "stuck_bus",
+    "wrong_who_am_i",
+    "dropped_edge",
+    "overrun",
+    "bit_errors",
+    "missing_int",
+)
+CHIP_ERRORS = ("ideal", "calibrated", "uncalibrated")
 
 
 @dataclass(frozen=True)
@@ -45,8 +66,65 @@ class Wander:
 
 
 @dataclass(frozen=True)
+class ImuFault:
+    """A fault of the simulated sensor, in true time; ``docs/lsm6dsox.md`` says what ``rate`` means.
+
+    Without ``duration_s`` it lasts to the end of the run.
+    """
+
+    kind: str
+    at_s: float
+    duration_s: float | None = None
+    rate: float | None = None
+
+
+@dataclass(frozen=True)
+class ImuScenario:
+    """The IMU of one node: how it is set up and, in simulation, what chip it is.
+
+    ``odr_hz``, ``accel_fs_g``, ``gyro_fs_dps`` and ``rest_s`` are sent to the node when it has
+    booted; 0 leaves a setting as the image has it. ``odr_error`` is relative, and grows by
+    ``odr_drift_per_s``. ``errors`` names the population that the chip's bias, scale and
+    misalignment are drawn from; ``noise`` is the datasheet's density.
+    """
+
+    odr_hz: float = 0.0
+    accel_fs_g: int = 0
+    gyro_fs_dps: int = 0
+    rest_s: int = 0
+    odr_error: float = 0.0
+    odr_drift_per_s: float = 0.0
+    temperature_degc: float = 25.0
+    temperature_ramp_degc_per_s: float = 0.0
+    noise: bool = True
+    errors: str = "calibrated"
+    faults: tuple[ImuFault, ...] = ()
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What the simulated bar does: a lift, from ``start_s`` of true time on.
+
+    ``rests`` puts the bar down between repetitions, in the lifts that know both ways.
+    """
+
+    lift: str
+    seed: int = 1
+    rests: bool = False
+    start_s: float = 3.0
+
+
+@dataclass(frozen=True)
+class LinkDrop:
+    """The leader ends the connection at ``at_s`` and stays away for ``hold_ms``."""
+
+    at_s: float
+    hold_ms: int = 0
+
+
+@dataclass(frozen=True)
 class NodeScenario:
-    """The simulated crystal of one node.
+    """One node: its simulated crystal and its IMU.
 
     ``start_offset_us`` is how far the node's local time lags true time at true time zero.
     """
@@ -54,7 +132,7 @@ class NodeScenario:
     drift_ppm: float = 0.0
     start_offset_us: int = 0
     wander: tuple[Wander, ...] = ()
-    imu: Mapping[str, Any] = field(default_factory=dict)
+    imu: ImuScenario = field(default_factory=ImuScenario)
 
 
 @dataclass(frozen=True)
@@ -84,6 +162,8 @@ class Scenario:
     nodes: Mapping[str, NodeScenario] = field(default_factory=dict)
     channel: Channel = field(default_factory=Channel)
     kconfig: Mapping[str, Mapping[str, int | str | bool]] = field(default_factory=dict)
+    motion: Motion | None = None
+    link_drops: tuple[LinkDrop, ...] = ()
     expect_fail: tuple[str, ...] = ()
 
     def node(self, role: str) -> NodeScenario:
@@ -119,6 +199,8 @@ def from_mapping(data: Mapping[str, Any], where: str) -> Scenario:
         "firmware": dict,
         "nodes": dict,
         "channel": dict,
+        "motion": dict,
+        "link_drops": list,
         "expect_fail": list,
     }
     _check(data, top, where)
@@ -149,6 +231,10 @@ def from_mapping(data: Mapping[str, Any], where: str) -> Scenario:
         nodes={role: _node(node, f"{where}: [nodes.{role}]") for role, node in nodes.items()},
         channel=Channel(**channel),
         kconfig={role: dict(options) for role, options in kconfig.items()},
+        motion=_motion(data["motion"], f"{where}: [motion]") if data.get("motion") else None,
+        link_drops=tuple(
+            _link_drop(d, f"{where}: [[link_drops]]") for d in data.get("link_drops", ())
+        ),
         expect_fail=tuple(data.get("expect_fail", ())),
     )
 
@@ -173,10 +259,12 @@ def to_mapping(scenario: Scenario) -> dict[str, Any]:
                     }
                     for w in node.wander
                 ],
-                "imu": dict(node.imu),
+                "imu": _plain(node.imu),
             }
             for role, node in scenario.nodes.items()
         },
+        "motion": _plain(scenario.motion) if scenario.motion else {},
+        "link_drops": [_plain(drop) for drop in scenario.link_drops],
         "channel": {
             "kind": scenario.channel.kind,
             "attenuation_db": scenario.channel.attenuation_db,
@@ -203,15 +291,74 @@ def _node(data: Mapping[str, Any], where: str) -> NodeScenario:
         drift_ppm=float(data.get("drift_ppm", 0.0)),
         start_offset_us=data.get("start_offset_us", 0),
         wander=tuple(Wander(**term) for term in data.get("wander", ())),
-        imu=dict(data.get("imu", {})),
+        imu=_imu(data.get("imu", {}), f"{where}.imu"),
     )
 
 
-def _check(data: Mapping[str, Any], allowed: Mapping[str, Any], where: str) -> None:
+def _imu(data: Mapping[str, Any], where: str) -> ImuScenario:
+    number = (int, float)
+    _check(
+        data,
+        {
+            **dict.fromkeys(("odr_hz", "odr_error", "odr_drift_per_s"), number),
+            **dict.fromkeys(("temperature_degc", "temperature_ramp_degc_per_s"), number),
+            **dict.fromkeys(("accel_fs_g", "gyro_fs_dps", "rest_s"), int),
+            **{"noise": bool, "errors": str, "faults": list},
+        },
+        where,
+    )
+    if data.get("errors", "ideal") not in CHIP_ERRORS:
+        raise ScenarioError(
+            f"{where}: errors = {data['errors']!r} is unknown", "one of: " + ", ".join(CHIP_ERRORS)
+        )
+    faults = tuple(_imu_fault(fault, f"{where}: faults") for fault in data.get("faults", ()))
+    return ImuScenario(**{**data, "faults": faults})
+
+
+def _imu_fault(data: Mapping[str, Any], where: str) -> ImuFault:
+    number = (int, float)
+    _check(data, {"kind": str, "at_s": number, "duration_s": number, "rate": number}, where)
+    if not {"kind", "at_s"} <= data.keys():
+        raise ScenarioError(f"{where}: each fault needs kind and at_s")
+    if data["kind"] not in IMU_FAULT_KINDS:
+        raise ScenarioError(
+            f"{where}: kind = {data['kind']!r} is unknown", "kinds: " + ", ".join(IMU_FAULT_KINDS)
+        )
+    return ImuFault(**data)
+
+
+def _motion(data: Mapping[str, Any], where: str) -> Motion:
+    _check(data, {"lift": str, "seed": int, "rests": bool, "start_s": (int, float)}, where)
+    if "lift" not in data:
+        raise ScenarioError(f"{where}: 'lift' is missing", 'add: lift = "bench"')
+    return Motion(**data)
+
+
+def _link_drop(data: Mapping[str, Any], where: str) -> LinkDrop:
+    _check(data, {"at_s": (int, float), "hold_ms": int}, where)
+    if "at_s" not in data:
+        raise ScenarioError(f"{where}: each needs at_s")
+    return LinkDrop(**data)
+
+
+def _plain(settings: Any) -> dict[str, Any]:
+    """A dataclass as TOML could hold it: without what is not set."""
+    return {
+        name: [_plain(item) for item in value] if isinstance(value, tuple) else value
+        for name, value in ((f.name, getattr(settings, f.name)) for f in fields(settings))
+        if value is not None
+    }
+
+
+def _check(data: object, allowed: Mapping[str, Any], where: str) -> None:
+    if not isinstance(data, Mapping):
+        raise ScenarioError(f"{where}: a table is needed, not {data!r}")
     for key, value in data.items():
         if key not in allowed:
             raise ScenarioError(
                 f"{where}: unknown key '{key}'", "known keys: " + ", ".join(sorted(allowed))
             )
-        if not isinstance(value, allowed[key]) or isinstance(value, bool):
+        if not isinstance(value, allowed[key]) or (
+            isinstance(value, bool) and allowed[key] is not bool
+        ):
             raise ScenarioError(f"{where}: '{key}' has the wrong type ({type(value).__name__})")

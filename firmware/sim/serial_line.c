@@ -8,6 +8,8 @@
  * that the firmware set), so the firmware sees the load that a real line would be.
  *
  *   -hil_uart=PATH         an existing pseudoterminal, or a file for output only
+ *   -hil_commands=FILE     what the host sends and when: lines "local time in us, bytes in hex",
+ *                          in order of time
  *   -hil_uart_times=FILE   when the bytes left: little-endian records
  *                          { u64 bytes sent so far, u64 local time in us at the end of the last },
  *                          one per burst, and one every 100 simulated ms as a sign of life
@@ -30,12 +32,14 @@
 #include <fcntl.h>
 #include <stdbool.h>
 #include <stdint.h>
+#include <stdio.h>
 #include <string.h>
 #include <termios.h>
 #include <unistd.h>
 
 #define UART_INSTANCE 0
 #define POLL_PERIOD_US 1000
+#define COMMAND_MAX 256
 #define SIGN_OF_LIFE_PERIOD_US 100000
 
 /* A burst is cut here, so that a line that is never idle is still reported every 2.56 ms. */
@@ -44,6 +48,7 @@
 static struct {
 	char *line_path;
 	char *times_path;
+	char *commands_path;
 	int tx_fd;
 	int rx_fd; /* Non-blocking; -1 when the line is output only */
 	int times_fd;
@@ -54,7 +59,11 @@ static struct {
 	bs_time_t tx_idle_timer; /* When the last byte's stop bit has left */
 
 	bool rx_on;
-	uint8_t rx[TX_BURST_MAX];
+	FILE *commands;
+	bs_time_t command_us; /* When the next one is due; TIME_NEVER after the last */
+	uint8_t command[COMMAND_MAX];
+	size_t command_len;
+	uint8_t rx[COMMAND_MAX];
 	size_t rx_len;
 	size_t rx_pos;
 	bs_time_t rx_timer; /* End of the byte being received, or the next poll */
@@ -67,6 +76,7 @@ static struct {
 	.tx_idle_timer = TIME_NEVER,
 	.rx_timer = TIME_NEVER,
 	.life_timer = TIME_NEVER,
+	.command_us = TIME_NEVER,
 };
 
 static bs_time_t serial_line_timer = TIME_NEVER;
@@ -147,6 +157,36 @@ static void rts_changed(uint inst, bool new_level)
 	(void)new_level;
 }
 
+static void bad_command(const char *text)
+{
+	bs_trace_error_line("%s: not \"local time in us,bytes in hex\": %s\n", line.commands_path,
+			    text);
+}
+
+static void read_next_command(void)
+{
+	char text[2 * COMMAND_MAX + 32];
+	unsigned long long due_us;
+	int at;
+
+	line.command_us = TIME_NEVER;
+	if (line.commands == NULL || fgets(text, sizeof(text), line.commands) == NULL) {
+		return;
+	}
+	if (sscanf(text, "%llu,%n", &due_us, &at) != 1) {
+		bad_command(text);
+	}
+	line.command_us = due_us;
+	for (line.command_len = 0; text[at] != '\n' && text[at] != '\0'; at += 2) {
+		unsigned int byte;
+
+		if (line.command_len == COMMAND_MAX || sscanf(&text[at], "%2x", &byte) != 1) {
+			bad_command(text);
+		}
+		line.command[line.command_len++] = (uint8_t)byte;
+	}
+}
+
 /* Bytes stay in the pseudoterminal until the receiver is on, so that what the host wrote before
  * the node had booted is not lost.
  */
@@ -156,7 +196,7 @@ static void enable_changed(uint inst, uint8_t tx_enabled, uint8_t rx_enabled)
 	const bool rx_enabled_now = rx_enabled && !line.rx_on;
 
 	line.rx_on = rx_enabled;
-	if (line.rx_fd >= 0 && rx_enabled_now) {
+	if ((line.rx_fd >= 0 || line.commands != NULL) && rx_enabled_now) {
 		/* A byte counts only if the receiver was on for all of it. */
 		line.rx_timer = nsi_hws_get_time() + nhw_uarte_one_byte_time(inst) + 1;
 		update_timer();
@@ -168,10 +208,17 @@ static bool fetch_rx(void)
 	if (line.rx_pos < line.rx_len) {
 		return true;
 	}
-	const ssize_t got = read(line.rx_fd, line.rx, sizeof(line.rx));
-
 	line.rx_pos = 0;
-	line.rx_len = got > 0 ? (size_t)got : 0;
+	line.rx_len = 0;
+	if (line.command_us <= nsi_hws_get_time()) {
+		memcpy(line.rx, line.command, line.command_len);
+		line.rx_len = line.command_len;
+		read_next_command();
+	} else if (line.rx_fd >= 0) {
+		const ssize_t got = read(line.rx_fd, line.rx, sizeof(line.rx));
+
+		line.rx_len = got > 0 ? (size_t)got : 0;
+	}
 	return line.rx_len > 0;
 }
 
@@ -250,6 +297,14 @@ static void serial_line_init(void)
 		/* Opened twice, because blocking is a property of the open description. */
 		line.rx_fd = open_or_exit(line.line_path, O_RDONLY | O_NONBLOCK);
 	}
+	if (line.commands_path != NULL) {
+		line.commands = fopen(line.commands_path, "r");
+		if (line.commands == NULL) {
+			bs_trace_error_line("%s: cannot be opened: %s\n", line.commands_path,
+					    strerror(errno));
+		}
+		read_next_command();
+	}
 	if (line.times_path != NULL) {
 		line.times_fd = open_or_exit(line.times_path, O_WRONLY | O_CREAT | O_TRUNC);
 		line.life_timer = SIGN_OF_LIFE_PERIOD_US;
@@ -282,6 +337,10 @@ static void serial_line_exit(void)
 	close_if_open(&line.tx_fd);
 	close_if_open(&line.rx_fd);
 	close_if_open(&line.times_fd);
+	if (line.commands != NULL) {
+		fclose(line.commands);
+		line.commands = NULL;
+	}
 }
 
 NSI_TASK(serial_line_exit, ON_EXIT_PRE, 100);
@@ -296,6 +355,14 @@ static void serial_line_register_options(void)
 			.dest = (void *)&line.line_path,
 			.descript = "Connect UARTE0 without loss to this existing pseudoterminal, or "
 				    "write its output to this existing file",
+		},
+		{
+			.option = "hil_commands",
+			.name = "file",
+			.type = 's',
+			.dest = (void *)&line.commands_path,
+			.descript = "With -hil_uart: send the node what this file says and when "
+				    "(lines \"local us,bytes in hex\")",
 		},
 		{
 			.option = "hil_uart_times",

@@ -79,7 +79,9 @@ def _record(session: Session, scenario: Scenario, writer: Writer, progress: Prog
         for node in session.nodes:
             for t_ns_bench, data in node.serial():
                 writer.write_serial(node.role, t_ns_bench, data)
-            writer.write_edges(*node.changes())
+            for changes in node.changes():
+                writer.write_edges(*changes)
+            writer.write_imu_truth(node.role, *node.imu_truth())
 
     shown_s = 0.0
     while session.wait():
@@ -98,6 +100,10 @@ def _record(session: Session, scenario: Scenario, writer: Writer, progress: Prog
     while not session.drained():
         pump()
     wall_s = round(time.monotonic() - start_s, 3)
+    for drop in scenario.link_drops:
+        writer.write_event(
+            Event(round(drop.at_s * 1e9), "disconnect", "leader", {"hold_ms": drop.hold_ms})
+        )
     end_ns = round(scenario.duration_s * 1e9)
     writer.write_event(Event(end_ns, "end", "", {"wall_s": wall_s}))
     progress(1.0, f"simulated {scenario.duration_s:g} s in {wall_s:.1f} s")

@@ -8,7 +8,7 @@ to find every lost, repeated or displaced sample without knowing what was measur
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import Final
 
 import numpy as np
@@ -25,6 +25,10 @@ Float = NDArray[np.float64]
 
 WARM_UP_S: Final = 2.0
 """A node needs this long to measure the period that it reports."""
+REST_MIN_TICKS: Final = TICK_RATE_HZ // 50
+"""A sensor that has rested takes longer than this to give samples again."""
+FIRST_INDEX_MAX: Final = 16
+"""A stream that falls back to an index below this was started anew."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,6 +91,51 @@ def batches(recording: Recording, sender: str, source: str) -> Batches:
         seen_t_ns_bench=seen_t_ns_bench(recording, sender, sent),
         samples=np.concatenate([samples["gyro_lsb"], samples["accel_lsb"]], axis=1),
     )
+
+
+def starts(b: Batches) -> list[int]:
+    """Rows at which the IMU was started anew, which lets its samples count from 0 again.
+
+    Decimation filters may swallow the first few samples, and a link whole batches.
+    """
+    found: list[int] = []
+    begin = int(b.first[0]) if len(b) else 0
+    for row in (np.flatnonzero(np.diff(b.first) < 0) + 1).tolist():
+        if b.first[row] < max(FIRST_INDEX_MAX, begin):
+            begin = int(b.first[row])
+            found.append(row)
+    return found
+
+
+def since_setup(b: Batches) -> Batches:
+    """The batches after the last of :func:`starts`."""
+    start = max(starts(b), default=0)
+    columns = {f.name: getattr(b, f.name)[start:] for f in fields(b) if f.name != "samples"}
+    return replace(b, **columns, samples=b.samples[int(b.count[:start].sum()) :])
+
+
+def without_rests(b: Batches, rests: int) -> Batches:
+    """The batches as if the sensor had never rested: over a rest samples count on, time does not.
+
+    The ``rests`` longest pauses without a missing index are cut out of the times of all batches
+    after them, so that the first batch after a pause comes when the one before it predicts.
+    """
+    row = _in_order(b)
+    if rests <= 0 or row.size < 2:
+        return b
+    late = b.t_first_ticks[row[1:]] - _predicted_ticks(b, row)
+    pause = np.where((b.end[row[:-1]] == b.first[row[1:]]) & (late > REST_MIN_TICKS), late, 0)
+    kept = np.argsort(pause, kind="stable")[:-rests]
+    pause[kept] = 0
+    after = np.searchsorted(b.first[row[1:]], b.first, side="right")
+    removed = np.concatenate([[0], np.cumsum(np.rint(pause).astype(np.int64))])[after]
+    return replace(b, t_first_ticks=b.t_first_ticks - removed)
+
+
+def _predicted_ticks(b: Batches, row: Int) -> Float:
+    """float64[len(row) - 1]: when each batch says that the next one begins."""
+    before = row[:-1]
+    return np.asarray(b.t_first_ticks[before] + b.count[before] * b.period_ticks[before])
 
 
 @dataclass(frozen=True)
@@ -184,8 +233,7 @@ def time_jitter_us(b: Batches) -> Float:
     warm = b.t_first_ticks[row] >= b.t_first_ticks[row[:1]] + WARM_UP_S * TICK_RATE_HZ
     row = row[warm]
     adjacent = b.end[row[:-1]] == b.first[row[1:]]
-    predicted = b.t_first_ticks[row[:-1]] + b.count[row[:-1]] * b.period_ticks[row[:-1]]
-    late_ticks = (b.t_first_ticks[row[1:]] - predicted)[adjacent]
+    late_ticks = (b.t_first_ticks[row[1:]] - _predicted_ticks(b, row))[adjacent]
     return np.asarray(late_ticks / (TICK_RATE_HZ / 1e6), dtype=np.float64)
 
 

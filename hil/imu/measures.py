@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.budget import Conditions, judged
+from hil.imu import int1, outages, truth
 from hil.imu.batches import (
     WARM_UP_S,
     Batches,
@@ -19,8 +20,12 @@ from hil.imu.batches import (
     matched,
     period_error_ppm,
     sample_period_ticks,
+    since_setup,
+    starts,
     time_jitter_us,
+    without_rests,
 )
+from hil.imu.chip import fifo_stats, rests
 from hil.measure import Measurement
 from hil.recording import Recording
 from hil.streams import ROLES
@@ -37,33 +42,56 @@ IN_FLIGHT_S: Final = 1.0
 
 def measure(recording: Recording, sync: Sync) -> list[Measurement]:
     """All measurements of the IMU suite."""
-    own = {role: batches(recording, role, role) for role in ROLES}
-    copy = batches(recording, "leader", "follower")
+    everything = {role: batches(recording, role, role) for role in ROLES}
+    own = {role: since_setup(b) for role, b in everything.items()}
+    copy = since_setup(batches(recording, "leader", "follower"))
     result: list[Measurement] = []
     for role in ROLES:
+        result.append(restarts(recording, role, everything[role], sync.conditions))
         result += stream(f"imu.{role}", own[role], sync.conditions)
-        result += timing(f"imu.{role}", own[role], sync.conditions, _odr_hz(recording, role))
-    result += stream("imu.follower_at_leader", copy, sync.conditions)
-    result += delivered(own["follower"], copy, sync)
+        even = without_rests(own[role], rests(recording, role))
+        result += timing(f"imu.{role}", even, sync.conditions, _odr_hz(recording, role))
+        result += truth.measure(recording, role, sync)
+        result += int1.measure(recording, role, sync)
+    asked = outages.asked_for(recording, copy)
+    absent = sum(outage.samples for outage in asked)
+    result += stream("imu.follower_at_leader", copy, sync.conditions, absent)
+    result += delivered(own["follower"], copy, sync, absent)
+    result += outages.measure(recording, asked, sync.conditions)
     return result
 
 
 def _odr_hz(recording: Recording, role: str) -> float | None:
+    """Nominal rate of the stream: as the node says it, or else as the scenario does."""
+    stats = fifo_stats(recording, role)
+    if stats.odr_hz > 0:
+        return stats.odr_hz / stats.decimation
     node = recording.provenance.scenario.get("nodes", {}).get(role, {})
     odr = node.get("imu", {}).get("odr_hz")
     return float(odr) if isinstance(odr, int | float) else None
 
 
-def stream(prefix: str, b: Batches, c: Conditions) -> list[Measurement]:
-    """Is every sample there, once, in order?"""
+def restarts(recording: Recording, role: str, b: Batches, c: Conditions) -> Measurement:
+    """Starts of the IMU beyond those that the run asked for; what follows judges the last one."""
+    asked = sum(e.kind == "imu_setup" and e.node == role for e in recording.events)
+    found = len(starts(b))
+    how = f"sample indices of {len(b)} batches fell back to 0; {asked} starts were asked for"
+    value = float(max(0, found - asked)) if len(b) else math.nan
+    return judged(f"imu.{role}.restarts", value, "L1", c, how)
+
+
+def stream(prefix: str, b: Batches, c: Conditions, absent: int = 0) -> list[Measurement]:
+    """Is every sample there, once, in order? ``absent`` samples are not expected to be."""
     names = ("samples_lost", "samples_duplicated", "batches_out_of_order", "overruns")
     if len(b) == 0:
         how = "no batch in this stream"
         return [judged(f"{prefix}.{n}", math.nan, "I1", c, how) for n in names]
     found = continuity(b.first, b.count)
     overruns = int(np.sum(b.has("overrun_before")))
-    values = (found.lost, found.duplicated, found.out_of_order, overruns)
+    values = (found.lost - absent, found.duplicated, found.out_of_order, overruns)
     how = f"sample indices of {len(b)} batches, {int(b.count.sum())} samples"
+    if absent:
+        how += f"; {absent} more that a link ended on request kept back"
     return [
         judged(f"{prefix}.{n}", float(v), "I1", c, how) for n, v in zip(names, values, strict=True)
     ]
@@ -88,7 +116,8 @@ def timing(prefix: str, b: Batches, c: Conditions, odr_hz: float | None) -> list
             rate_hz,
             "I2",
             c,
-            f"slope of {len(b)} hardware times over the sample index; nominal {nominal:g} Hz",
+            f"slope of {len(b)} hardware times over the sample index, rests taken out; nominal "
+            f"{nominal:g} Hz",
             unit="Hz",
             scale=nominal,
             clock="node",
@@ -114,7 +143,7 @@ def timing(prefix: str, b: Batches, c: Conditions, odr_hz: float | None) -> list
     ]
 
 
-def delivered(own: Batches, copy: Batches, sync: Sync) -> list[Measurement]:
+def delivered(own: Batches, copy: Batches, sync: Sync, absent: int = 0) -> list[Measurement]:
     """The follower's samples on the leader: complete, unaltered, rightly timed, fresh."""
     c = sync.conditions
     names = ("samples_missing", "samples_altered")
@@ -135,7 +164,7 @@ def delivered(own: Batches, copy: Batches, sync: Sync) -> list[Measurement]:
         f"from the first delivered to {IN_FLIGHT_S:g} s before the end"
     )
     return [
-        judged(f"{prefix}.samples_missing", float(found.missing), "I1", c, how),
+        judged(f"{prefix}.samples_missing", float(found.missing - absent), "I1", c, how),
         judged(f"{prefix}.samples_altered", float(found.altered), "I1", c, how),
         time_error(own, copy, sync),
         latency(own, copy, sync),

@@ -1,32 +1,44 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The motion file that the chip model of the simulated bench plays: plain CSV.
+"""The motion file that the chip model of the simulated bench plays.
 
-One header line, then one row per instant, times increasing from 0 in equal or unequal steps;
-the player interpolates linearly between rows and holds the last one. Values are ideal and in
-the sensor's own frame: the chip model adds range, noise and counts.
-
-::
-
-    t_s,fx_mps2,fy_mps2,fz_mps2,wx_radps,wy_radps,wz_radps
-    0.000000,0.00000,0.00000,9.80665,0.000000,0.000000,0.000000
+Rows of true time, specific force and angular rate in the sensor's own frame; the player
+interpolates linearly between rows, and holds the first row before and the last one after them.
+The chip model adds range, noise and counts. Little-endian: ``BVMOTION``, version u32, rows u32,
+then seven f64 a row (``docs/lsm6dsox.md``, section 6).
 """
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 
 import numpy as np
 
 from hil.motion.bar import Bar, Trajectory, at_point
 from hil.motion.curves import FloatArray
+from hil.motion.imu_model import ChipErrors
 
-HEADER = "t_s,fx_mps2,fy_mps2,fz_mps2,wx_radps,wy_radps,wz_radps"
+MAGIC = b"BVMOTION"
+VERSION = 1
+HEADER = struct.Struct("<8sII")
+COLUMNS = 7
 
 
-def write(path: Path, trajectory: Trajectory, bar: Bar, role: str, rate_hz: float = 2000.0) -> int:
-    """Write the ideal motion of the IMU ``role`` at ``rate_hz``; returns the number of rows.
+def write(
+    path: Path,
+    trajectory: Trajectory,
+    bar: Bar,
+    role: str,
+    *,
+    errors: ChipErrors | None = None,
+    start_s: float = 0.0,
+    rate_hz: float = 2000.0,
+) -> int:
+    """Write what the IMU ``role`` feels, from ``start_s`` of true time on; returns the rows.
 
-    At 2 kHz linear interpolation of a 10 Hz tremor is exact to 1e-4 of its amplitude.
+    With ``errors``, the constant errors of one chip are already in it: bias, scale and
+    misalignment. At 2 kHz linear interpolation of a 10 Hz tremor is exact to 1e-4 of its
+    amplitude.
 
     Raises:
         ValueError: ``role`` is no mount of this bar, or the rate is not positive.
@@ -37,33 +49,31 @@ def write(path: Path, trajectory: Trajectory, bar: Bar, role: str, rate_hz: floa
         raise ValueError(f"rate_hz must be positive, not {rate_hz}")
     t = np.arange(int(trajectory.duration_s * rate_hz) + 1) / rate_hz
     ideal = at_point(trajectory(t), bar.mounts[role])
-    table = np.column_stack([t, ideal.specific_force_mps2, ideal.rate_radps])
-    with path.open("w", encoding="ascii", newline="\n") as file:
-        np.savetxt(
-            file,
-            table,
-            delimiter=",",
-            header=HEADER,
-            comments="",
-            fmt=["%.6f"] + ["%.5f"] * 3 + ["%.6f"] * 3,
-        )
-    return len(t)
+    force, rate = ideal.specific_force_mps2, ideal.rate_radps
+    if errors is not None:
+        force = force @ errors.accel_matrix.T + errors.accel_bias_mps2
+        rate = rate @ errors.gyro_matrix.T + errors.gyro_bias_radps
+    rows = np.column_stack([start_s + t, force, rate]).astype("<f8")
+    path.write_bytes(HEADER.pack(MAGIC, VERSION, len(rows)) + rows.tobytes())
+    return len(rows)
 
 
 def read(path: Path) -> FloatArray:
     """The rows of a motion file, (n, 7).
 
     Raises:
-        ValueError: wrong header, wrong number of columns, or times that do not increase.
+        ValueError: not a motion file, another version, cut, or times that do not increase.
     """
-    with path.open(encoding="ascii") as file:
-        header = file.readline().strip()
-        if header != HEADER:
-            raise ValueError(f"{path}: first line is {header!r}, expected {HEADER!r}")
-        table: FloatArray = np.loadtxt(file, delimiter=",", ndmin=2)
-    if table.shape[1] != 7:
-        raise ValueError(f"{path}: {table.shape[1]} columns, expected 7")
-    backwards = np.flatnonzero(np.diff(table[:, 0]) <= 0)
+    data = path.read_bytes()
+    if len(data) < HEADER.size or data[:8] != MAGIC:
+        raise ValueError(f"{path}: not a motion file: it begins with {data[:8]!r}")
+    _, version, rows = HEADER.unpack_from(data)
+    if version != VERSION:
+        raise ValueError(f"{path}: version {version}, expected {VERSION}")
+    if len(data) != HEADER.size + rows * COLUMNS * 8:
+        raise ValueError(f"{path}: {len(data)} bytes do not hold the {rows} rows it speaks of")
+    table: FloatArray = np.frombuffer(data, "<f8", offset=HEADER.size).reshape(rows, COLUMNS)
+    backwards = np.flatnonzero(~(np.diff(table[:, 0]) > 0))
     if len(backwards):
-        raise ValueError(f"{path}: times do not increase at row {int(backwards[0]) + 3}")
+        raise ValueError(f"{path}: times do not increase at row {int(backwards[0]) + 1}")
     return table

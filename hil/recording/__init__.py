@@ -8,9 +8,11 @@ on, :func:`load` reads it, :class:`Recording` is what the checks see.
 from hil.recording.clock import ClockModel, WanderTerm
 from hil.recording.model import (
     EDGE_CHANNELS,
+    IMU_TRUTH_FLAGS,
     SOURCES,
     Edges,
     Event,
+    ImuTruth,
     Integrity,
     Provenance,
     Recording,
@@ -21,10 +23,12 @@ from hil.recording.writer import Writer
 
 __all__ = [
     "EDGE_CHANNELS",
+    "IMU_TRUTH_FLAGS",
     "SOURCES",
     "ClockModel",
     "Edges",
     "Event",
+    "ImuTruth",
     "Integrity",
     "Provenance",
     "Recording",

@@ -17,9 +17,17 @@ from mcap.records import Channel, Schema
 from numpy.typing import NDArray
 
 from hil.errors import RecordingError
-from hil.recording import container, json_messages, layout
+from hil.recording import container, imu_truth_block, json_messages, layout
 from hil.recording.container import BAD_RECORD, Problems, Tail, printable
-from hil.recording.model import Edges, Event, Integrity, Provenance, Recording, SerialStream
+from hil.recording.model import (
+    Edges,
+    Event,
+    ImuTruth,
+    Integrity,
+    Provenance,
+    Recording,
+    SerialStream,
+)
 from hil.wire import schema as wire_schema
 from hil.wire.messages import WireError, schema, schema_hash
 
@@ -67,6 +75,7 @@ class Assembler:
         self._ports: dict[str, _Port] = {}
         self._front: dict[str, Any] | None = None
         self._front_bytes = b""
+        self._truths: dict[str, imu_truth_block.Gathered] = {}
         self._edge_t_ns = _int64s()
         self._edge_channel = bytearray()
         self._edge_level = bytearray()
@@ -106,8 +115,9 @@ class Assembler:
         self._check_schema(provenance)
         edges = self._edges(edge_channels, resolution_ns)
         serial = {role: self._stream(role, port) for role, port in self._ports.items()}
+        truths = {role: self._truth(role, found) for role, found in self._truths.items()}
         self._expect_counts()
-        self._check_end(edges)
+        self._check_end(edges, truths)
         lost = 0
         for topic, track in sorted(self._tracks.items()):
             lost += track.lost
@@ -126,6 +136,7 @@ class Assembler:
                 blocks=sum(track.blocks for track in self._tracks.values()),
             ),
             path=path,
+            imu_truth={role: truth for role, truth in truths.items() if len(truth)},
         )
 
     def _check_schema(self, provenance: Provenance) -> None:
@@ -160,10 +171,13 @@ class Assembler:
             self._problems.add(f"{topic[:80]!r} is described twice; the second was ignored")
             return
         role = topic.removeprefix(layout.TOPIC_SERIAL)
+        truth_role = layout.truth_role(topic)
         if topic == layout.TOPIC_EDGES:
             wanted = (layout.ENCODING_BLOCK, layout.SCHEMA_EDGES)
         elif topic != role and layout.ROLE_PATTERN.fullmatch(role) and self._has_room(role):
             wanted = (layout.ENCODING_BLOCK, layout.SCHEMA_SERIAL)
+        elif truth_role and self._has_truth_room(truth_role):
+            wanted = (layout.ENCODING_BLOCK, imu_truth_block.SCHEMA_IMU_TRUTH)
         elif topic in (layout.TOPIC_PROVENANCE, layout.TOPIC_EVENTS, layout.TOPIC_END):
             wanted = (layout.ENCODING_JSON, "")
         else:
@@ -181,9 +195,14 @@ class Assembler:
         self._tracks.setdefault(topic, _Track())
         if wanted[1] == layout.SCHEMA_SERIAL:
             self._ports.setdefault(role, _Port())
+        elif wanted[1] == imu_truth_block.SCHEMA_IMU_TRUTH:
+            self._truths.setdefault(truth_role, imu_truth_block.Gathered())
 
     def _has_room(self, role: str) -> bool:
         return role in self._ports or len(self._ports) < layout.MAX_ROLES
+
+    def _has_truth_room(self, role: str) -> bool:
+        return role in self._truths or len(self._truths) < layout.MAX_ROLES
 
     def _message(self, message: container.Message) -> None:
         topic = self._topics.get(message.channel_id)
@@ -223,6 +242,8 @@ class Assembler:
             self._edge_t_ns.frombytes(t_ns.astype(np.int64).tobytes())
             self._edge_channel += index.tobytes()
             self._edge_level += level.tobytes()
+        elif role := layout.truth_role(topic):
+            self._truths[role].add(imu_truth_block.unpack(data))
         else:
             self._serial(topic, layout.unpack_serial(data))
 
@@ -261,6 +282,15 @@ class Assembler:
             gap_offset=_array(port.gap_offset),
             gap_bytes=_array(port.gap_bytes),
         )
+
+    def _truth(self, role: str, found: imu_truth_block.Gathered) -> ImuTruth:
+        s = found.slots()
+        number = s.run.astype(np.int64) << 32 | s.slot
+        back = (s.t_us_true[1:] < s.t_us_true[:-1]) | (number[1:] <= number[:-1])
+        if np.any(back):
+            times = int(np.count_nonzero(back))
+            self._problems.add(f"{layout.truth_topic(role)}: time or slot goes back {times} times")
+        return ImuTruth(s.run, s.slot, s.t_us_true, s.counts, s.flags)
 
     def _edges(self, channels: tuple[str, ...], resolution_ns: float) -> Edges:
         t_ns = _array(self._edge_t_ns)
@@ -304,7 +334,7 @@ class Assembler:
                 self._problems.add(f"{topic}: the message that ends the recording counts wrongly")
                 self._sound = False
 
-    def _check_end(self, edges: Edges) -> None:
+    def _check_end(self, edges: Edges, truths: Mapping[str, ImuTruth]) -> None:
         """Compare contents with the end message."""
         if self._end is None:
             return
@@ -314,6 +344,9 @@ class Assembler:
                 f"{layout.TOPIC_SERIAL}{role}", "bytes", len(port.data), lengths.get(role)
             )
         self._compare(layout.TOPIC_EDGES, "edges", len(edges.t_ns_bench), self._end.get("edges"))
+        slots = json_messages.mapping(self._end, "truth")
+        for role, truth in truths.items():
+            self._compare(layout.truth_topic(role), "slots", len(truth), slots.get(role))
         aborted = self._end.get("aborted")
         if aborted:
             self._problems.add(f"the run was aborted: {str(aborted)[:500]}")

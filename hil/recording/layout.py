@@ -28,6 +28,9 @@ TOPIC_EVENTS: Final = "/events"
 TOPIC_END: Final = "/end"
 TOPIC_SERIAL: Final = "/serial/"
 """Followed by the role: ``/serial/leader``."""
+TOPIC_TRUTH: Final = "/truth/"
+TRUTH_IMU: Final = "/imu"
+"""The role stands between the two: ``/truth/leader/imu``."""
 
 ENCODING_BLOCK: Final = "x-hil-block"
 ENCODING_JSON: Final = "json"
@@ -85,6 +88,18 @@ MCAP message.sequence counts the blocks of the channel from 0."""
 _SERIAL_HEAD: Final = struct.Struct("<QI")
 _EDGES_HEAD: Final = struct.Struct("<I")
 _READ_ROW: Final = 12
+
+
+def truth_topic(role: str) -> str:
+    return f"{TOPIC_TRUTH}{role}{TRUTH_IMU}"
+
+
+def truth_role(topic: str) -> str:
+    """The role of a topic of IMU truth; empty for any other topic."""
+    if not (topic.startswith(TOPIC_TRUTH) and topic.endswith(TRUTH_IMU)):
+        return ""
+    role = topic[len(TOPIC_TRUTH) : -len(TRUTH_IMU)]
+    return role if ROLE_PATTERN.fullmatch(role) else ""
 
 
 class LayoutError(ValueError):

@@ -32,6 +32,13 @@ EDGE_CHANNELS: Final = (
     "follower.imu_int1",
 )
 
+IMU_TRUTH_FLAGS: Final[Mapping[str, int]] = {
+    "gyro_settled": 1,
+    "accel_settled": 2,
+    "clipped": 4,
+    "in_fifo": 8,
+}
+
 
 def frozen(values: ArrayLike, dtype: Any) -> NDArray[Any]:
     """A read-only view of ``values`` as a contiguous one-dimensional array of ``dtype``."""
@@ -122,6 +129,43 @@ class Edges:
         return frozen(self.t_ns_bench[chosen], np.int64), frozen(self.level[chosen], np.uint8)
 
 
+@dataclass(frozen=True, eq=False)
+class ImuTruth:
+    """What the simulated IMU of one node sampled, slot by slot; a slot is one sample instant.
+
+    Attributes:
+        run: uint32[n], counts starts of sampling; slots of different runs have nothing in common.
+        slot: uint32[n], counts slots of the run, in the FIFO or not.
+        t_us_true: float64[n], instant of the sample, true simulated time, us.
+        counts: int16[n, 6], gyro x y z, accel x y z.
+        flags: uint8[n], bits of :data:`IMU_TRUTH_FLAGS`.
+    """
+
+    run: NDArray[np.uint32]
+    slot: NDArray[np.uint32]
+    t_us_true: NDArray[np.float64]
+    counts: NDArray[np.int16]
+    flags: NDArray[np.uint8]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "run", frozen(self.run, np.uint32))
+        object.__setattr__(self, "slot", frozen(self.slot, np.uint32))
+        object.__setattr__(self, "t_us_true", frozen(self.t_us_true, np.float64))
+        object.__setattr__(self, "flags", frozen(self.flags, np.uint8))
+        counts = frozen(self.counts, np.int16)
+        n = len(self.slot)
+        if not len(self.run) == len(self.t_us_true) == len(self.flags) == n == len(counts) / 6:
+            raise RecordingError("the truth of an IMU needs as many times as slots and counts")
+        object.__setattr__(self, "counts", counts.reshape(-1, 6))
+
+    def __len__(self) -> int:
+        return int(self.slot.size)
+
+    def has(self, flag: str) -> NDArray[np.bool_]:
+        """bool[n]: slots with this flag of :data:`IMU_TRUTH_FLAGS` set."""
+        return np.asarray((self.flags & IMU_TRUTH_FLAGS[flag]) != 0, dtype=bool)
+
+
 @dataclass(frozen=True)
 class Event:
     """Something that happened to the run: a reset, a flash, a fault injected, a note."""
@@ -210,7 +254,11 @@ class Integrity:
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """A whole run. ``path`` is None when it was never in a file."""
+    """A whole run.
+
+    ``path`` is None when it was never in a file. ``imu_truth`` maps role to what its simulated
+    IMU sampled; roles of which nothing is known are left out.
+    """
 
     provenance: Provenance
     serial: Mapping[str, SerialStream]
@@ -218,11 +266,13 @@ class Recording:
     events: tuple[Event, ...]
     integrity: Integrity
     path: Path | None = None
+    imu_truth: Mapping[str, ImuTruth] = field(default_factory=dict)
     _decoded: dict[str, Decoded] = field(default_factory=dict, init=False, repr=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "serial", MappingProxyType(dict(self.serial)))
         object.__setattr__(self, "events", tuple(self.events))
+        object.__setattr__(self, "imu_truth", MappingProxyType(dict(self.imu_truth)))
 
     @property
     def roles(self) -> tuple[str, ...]:

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from hil.errors import RecordingError
-from hil.recording import json_messages, layout
+from hil.recording import imu_truth_block, json_messages, layout
 from hil.recording.model import EDGE_CHANNELS, Event, Provenance
 from hil.wire.messages import ROLES
 
@@ -92,6 +92,7 @@ class Writer:
         self._edges: list[_EdgeArrays] = []
         self._edges_pending = 0
         self._edges_written = 0
+        self._truths = {role: imu_truth_block.Pending() for role in roles}
         self._front = self._json(json_messages.front(provenance, edge_channels, edge_resolution_ns))
         self._open()
 
@@ -157,6 +158,42 @@ class Writer:
                     self._close_edge_block()
                 self._flush_when_due()
             self._edges_written += len(t_ns)
+
+    def write_imu_truth(  # noqa: PLR0917 (the columns of ImuTruth, in its order)
+        self,
+        role: str,
+        run: ArrayLike,
+        slot: ArrayLike,
+        t_us_true: ArrayLike,
+        counts: ArrayLike,
+        flags: ArrayLike,
+    ) -> None:
+        """Append slots of the simulated IMU of ``role``, as :class:`ImuTruth` describes them.
+
+        ``counts`` has shape (n, 6), the others (n,); an empty piece is no error. Times are kept
+        to 1 ns.
+        """
+        try:
+            taken = imu_truth_block.slots(run, slot, t_us_true, counts, flags)
+        except (TypeError, ValueError, OverflowError) as error:
+            raise RecordingError(f"the truth of an IMU cannot be recorded: {error}") from error
+        with self._lock:
+            self._check_open()
+            pending = self._truths.get(role)
+            if pending is None:
+                raise RecordingError(
+                    f"{self.path}: not recording the IMU of '{role}'",
+                    "roles: " + ", ".join(self._truths),
+                )
+            size = imu_truth_block.SLOTS_PER_BLOCK
+            for start in range(0, len(taken), size):
+                piece = taken.part(start, start + size)
+                pending.add(piece)
+                self._unflushed += imu_truth_block.SLOT_BYTES * len(piece)
+                if pending.size >= size:
+                    self._close_truth_blocks(role, pending)
+                # In the loop: a chunk must stay below what the reader accepts.
+                self._flush_when_due()
 
     def write_event(self, event: Event) -> None:
         """Append one event; its ``data`` must be plain JSON data."""
@@ -236,6 +273,9 @@ class Writer:
         json_id = schema("hil.json.v1", "jsonschema", '{"type":"object"}')
         serial_id = schema(layout.SCHEMA_SERIAL, "x-hil-layout", layout.LAYOUT_SERIAL)
         edges_id = schema(layout.SCHEMA_EDGES, "x-hil-layout", layout.LAYOUT_EDGES)
+        truth_id = schema(
+            imu_truth_block.SCHEMA_IMU_TRUTH, "x-hil-layout", imu_truth_block.LAYOUT_IMU_TRUTH
+        )
         topics = {
             layout.TOPIC_PROVENANCE: (layout.ENCODING_JSON, json_id),
             layout.TOPIC_EDGES: (layout.ENCODING_BLOCK, edges_id),
@@ -244,6 +284,7 @@ class Writer:
         }
         for role in self._ports:
             topics[layout.TOPIC_SERIAL + role] = (layout.ENCODING_BLOCK, serial_id)
+            topics[layout.truth_topic(role)] = (layout.ENCODING_BLOCK, truth_id)
         return {
             topic: _Channel(self._mcap.register_channel(topic, encoding, schema_id))
             for topic, (encoding, schema_id) in topics.items()
@@ -274,6 +315,10 @@ class Writer:
         self._edges.clear()
         self._edges_pending = 0
 
+    def _close_truth_blocks(self, role: str, pending: imu_truth_block.Pending) -> None:
+        for t_us_true, block in pending.take():
+            self._add(layout.truth_topic(role), round(1e3 * t_us_true), block)
+
     def _flush_when_due(self) -> None:
         if self._unflushed < layout.CHUNK_BYTES:
             late = time.monotonic() - self._flushed_s >= layout.FLUSH_S
@@ -285,6 +330,8 @@ class Writer:
         for role, port in self._ports.items():
             self._close_serial_block(role, port)
         self._close_edge_block()
+        for role, pending in self._truths.items():
+            self._close_truth_blocks(role, pending)
         with self._mending():
             self._mcap.flush()  # type: ignore[no-untyped-call]
         self._unflushed = 0
@@ -303,6 +350,7 @@ class Writer:
             },
             "bytes": {role: port.written for role, port in self._ports.items()},
             "edges": self._edges_written,
+            "truth": {role: pending.written for role, pending in self._truths.items()},
             "aborted": aborted.encode("utf-8", "replace").decode(),
         }
         self._add(layout.TOPIC_END, 0, self._json(end))

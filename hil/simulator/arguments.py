@@ -6,7 +6,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from hil.build import BabbleSim
-from hil.scenario import Channel, NodeScenario, Scenario
+from hil.scenario import Channel, ImuScenario, NodeScenario, Scenario
+from hil.simulator import motion
 
 DEVICES = ("leader", "follower")
 """Role of each device number."""
@@ -38,13 +39,21 @@ def channel(settings: Channel) -> list[str]:
 
 
 def node(
-    executable: Path, role: str, scenario: Scenario, *, sim_id: str, serial: str, folder: Path
+    executable: Path,
+    role: str,
+    scenario: Scenario,
+    *,
+    sim_id: str,
+    serial: str,
+    folder: Path,
+    commands: bool = False,
 ) -> list[str]:
     """One node's image.
 
     Args:
         serial: path of the pseudoterminal for its UART.
-        folder: where its logs go, see :func:`times_file` and :func:`pins_file`.
+        folder: where its logs go, and its motion and commands come from.
+        commands: there is a file of commands.
     """
     device = DEVICES.index(role)
     return [
@@ -55,9 +64,14 @@ def node(
         f"-rs={scenario.seed * len(DEVICES) + device + 1}",
         "-no-color",
         *crystal(scenario.node(role)),
+        *chip(scenario.node(role).imu, scenario.seed * len(DEVICES) + device + 1),
         f"-hil_uart={serial}",
         f"-hil_uart_times={times_file(folder, role)}",
         f"-gpio_out_file={pins_file(folder, role)}",
+        f"-imu_truth={truth_file(folder, role)}",
+        f"-imu_edges={int1_file(folder, role)}",
+        *([f"-hil_commands={commands_file(folder, role)}"] if commands else []),
+        *([f"-imu_motion={motion_file(folder, role)}"] if scenario.motion else []),
     ]
 
 
@@ -76,6 +90,26 @@ def crystal(settings: NodeScenario) -> list[str]:
     return options
 
 
+def chip(settings: ImuScenario, seed: int) -> list[str]:
+    """The simulated LSM6DSOX: clock, temperature, noise and faults (docs/lsm6dsox.md)."""
+    accel_mps2, gyro_radps = motion.noise(settings)
+    options = [
+        f"-imu_rate_error={settings.odr_error!r}",
+        f"-imu_rate_drift={settings.odr_drift_per_s!r}",
+        f"-imu_temperature={settings.temperature_degc!r}",
+        f"-imu_temperature_ramp={settings.temperature_ramp_degc_per_s!r}",
+        f"-imu_noise={accel_mps2:.6g}:{gyro_radps:.6g}",
+        f"-imu_seed={seed}",
+    ]
+    for fault in settings.faults:
+        # A duration of 0 is one without end.
+        parts = [fault.kind, repr(fault.at_s), repr(fault.duration_s or 0.0)]
+        if fault.rate is not None:
+            parts.append(repr(fault.rate))
+        options.append("-imu_fault=" + ":".join(parts))
+    return options
+
+
 def times_file(folder: Path, role: str) -> Path:
     """Log of when the bytes left the UART."""
     return folder / f"{role}.times"
@@ -84,3 +118,23 @@ def times_file(folder: Path, role: str) -> Path:
 def pins_file(folder: Path, role: str) -> Path:
     """Log of the changes of the output pins."""
     return folder / f"{role}.pins.csv"
+
+
+def int1_file(folder: Path, role: str) -> Path:
+    """Log of the changes of the sensor's interrupt pin, in the same format."""
+    return folder / f"{role}.int1.csv"
+
+
+def truth_file(folder: Path, role: str) -> Path:
+    """What the sensor sampled, and when (docs/lsm6dsox.md, section 6)."""
+    return folder / f"{role}.truth"
+
+
+def motion_file(folder: Path, role: str) -> Path:
+    """What the sensor feels."""
+    return folder / f"{role}.motion"
+
+
+def commands_file(folder: Path, role: str) -> Path:
+    """What the host sends, and when."""
+    return folder / f"{role}.commands"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One simulated node: its program, its serial line, its pins and its clock."""
+"""One simulated node: its program, its serial line, its pins, its clock and its sensor's truth."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 from hil.process import Child
 from hil.recording import ClockModel
 from hil.simulator import arguments
+from hil.simulator.imu_truth import Rows, TruthLog
 from hil.simulator.pins import NS_PER_US, Changes, PinLog
 from hil.simulator.serial_line import SerialLine
 
@@ -22,7 +23,9 @@ class Node:
         self.role = role
         self.clock = clock
         self.line = SerialLine(arguments.times_file(folder, role))
-        self.pins = PinLog(arguments.pins_file(folder, role), role, clock)
+        self._pins = PinLog(arguments.pins_file(folder, role), role, clock)
+        self._int1 = PinLog(arguments.int1_file(folder, role), role, clock)
+        self._truth = TruthLog(arguments.truth_file(folder, role))
         self._child: Child | None = None
 
     @property
@@ -45,10 +48,17 @@ class Node:
         t_ns_bench = np.rint(self.clock.true_us(local_us) * NS_PER_US).astype(np.int64)
         yield from zip(t_ns_bench.tolist(), (burst.data for burst in bursts), strict=True)
 
-    def changes(self) -> Changes:
-        """New changes of the pins."""
-        return self.pins.changes()
+    def changes(self) -> Iterator[Changes]:
+        """New changes of the pins, and of the sensor's interrupt pin."""
+        yield self._pins.changes()
+        yield self._int1.changes()
+
+    def imu_truth(self) -> Rows:
+        """New slots of the sensor: what it sampled, and when."""
+        return self._truth.rows()
 
     def close(self) -> None:
         self.line.close()
-        self.pins.close()
+        self._pins.close()
+        self._int1.close()
+        self._truth.close()

@@ -16,7 +16,11 @@ from hil.errors import RigError
 from hil.recording import EDGE_CHANNELS, ClockModel
 from hil.simulator.tail import Tail
 
-PINS: Mapping[tuple[int, int], str] = {(1, 2): "radio_end", (1, 3): "pulse"}
+PINS: Mapping[tuple[int, int], str] = {
+    (1, 2): "radio_end",
+    (1, 3): "pulse",
+    (1, 5): "imu_int1",
+}
 """(port, pin) -> signal; boards/pins.dtsi has the same."""
 
 NS_PER_US = 1000

@@ -19,7 +19,7 @@ from hil.errors import RigError
 from hil.process import Child, Guard
 from hil.recording import ClockModel
 from hil.scenario import Scenario, to_mapping
-from hil.simulator import arguments
+from hil.simulator import arguments, commands, motion
 from hil.simulator.node import Node
 from hil.simulator.watch import ProgressWatch, check_ends, check_reached_end
 
@@ -127,6 +127,11 @@ class Session:
             core=core,
         )
         for node in self.nodes:
+            has_commands = commands.write(
+                arguments.commands_file(folder, node.role), self._scenario, node.role, node.clock
+            )
+            if self._scenario.motion is not None:
+                motion.write(arguments.motion_file(folder, node.role), self._scenario, node.role)
             argv = arguments.node(
                 self._executables[node.role],
                 node.role,
@@ -134,6 +139,7 @@ class Session:
                 sim_id=self.sim_id,
                 serial=node.line.path,
                 folder=folder,
+                commands=has_commands,
             )
             node.attach(
                 self._spawn(stack, guard, argv, name=f"the {node.role} node", cwd=folder, core=core)

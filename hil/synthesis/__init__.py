@@ -57,6 +57,7 @@ def synthesise(plan: Plan | None = None, faults: Iterable[str] = ()) -> Recordin
         edges=content.all_edges(),
         events=(),
         integrity=content.integrity,
+        imu_truth=content.imu_truth,
     )
 
 
@@ -85,6 +86,8 @@ def save(recording: Recording, path: Path) -> Recording:
                 writer.write_serial(role, t_ns, stream.data[start:end].tobytes())
         edges = recording.edges
         writer.write_edges(edges.t_ns_bench, edges.channel, edges.level)
+        for role, t in recording.imu_truth.items():
+            writer.write_imu_truth(role, t.run, t.slot, t.t_us_true, t.counts, t.flags)
         for event in recording.events:
             writer.write_event(event)
     return load(path)

@@ -4,46 +4,20 @@
 from __future__ import annotations
 
 import math
-from bisect import bisect_left
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from hil.synthesis.clock import Clock
 from hil.synthesis.draft import Draft
-from hil.synthesis.estimator import REPORT_EVENTS, State, states
+from hil.synthesis.estimator import REPORT_EVENTS, State, locked, states
+from hil.synthesis.imu import imu
 from hil.synthesis.plan import Plan
-from hil.synthesis.radio import CONNECT_S, TICKS_PER_US, Events, events
-from hil.wire.messages import IMU_FLAGS, ROLES, TARGETS, TICK_RATE_HZ, schema_hash
+from hil.synthesis.radio import CONNECT_S, Events, events
+from hil.wire.messages import ROLES, TARGETS, TICK_RATE_HZ, schema_hash
 
-Float = NDArray[np.float64]
-
-BATCH = 16
 SETTLED_S = 0.3
 UART_MS = 2
-
-
-class Clock:
-    """A node's TIMER on true time, as the plan has it."""
-
-    def __init__(self, plan: Plan, role: str) -> None:
-        self._model = plan.node(role).clock
-        self._start_us = plan.node(role).timer_start_us
-
-    def ticks(self, true_us: float | Float) -> Float:
-        """Whole microseconds of local time, as the simulator's TIMER counts, in ticks."""
-        local_us = np.rint(self._model.local_us(true_us))
-        return np.asarray((local_us - self._start_us) * TICKS_PER_US)
-
-    def true_us(self, ticks: float | Float) -> Float:
-        local_us = np.asarray(ticks) / TICKS_PER_US + self._start_us
-        return np.asarray(self._model.true_us(local_us))
-
-    def compare_edge_ns(self, ticks: float) -> int:
-        """When the pin changes: COMPARE falls onto the grid of whole microseconds below it."""
-        local_us = math.floor(ticks / TICKS_PER_US) + self._start_us
-        return round(float(self._model.true_us(local_us)) * 1e3)
 
 
 def draft(plan: Plan) -> Draft:
@@ -57,7 +31,7 @@ def draft(plan: Plan) -> Draft:
     _pairs(plan, result, table)
     _models(result, models, table)
     _pulses(plan, result, clocks, models)
-    _imu(plan, result, clocks, models)
+    imu(plan, result, clocks, models)
     _wrap(plan, result)
     return result
 
@@ -181,12 +155,6 @@ def _models(out: Draft, models: list[State], table: Events) -> None:
         )
 
 
-def _locked(models: list[State], true_us: float) -> State | None:
-    """The latest model at ``true_us``, if it is locked."""
-    at = bisect_left(models, true_us, key=lambda m: m.true_us) - 1
-    return models[at] if at >= 0 and models[at].state == 2 else None
-
-
 def _pulses(plan: Plan, out: Draft, clocks: dict[str, Clock], models: list[State]) -> None:
     first = next((m for m in models if m.state == 2), None)
     edges: dict[str, list[int]] = {role: [] for role in ROLES}
@@ -199,7 +167,7 @@ def _pulses(plan: Plan, out: Draft, clocks: dict[str, Clock], models: list[State
             true_us = float(clocks["leader"].true_us(scheduled))
             if true_us > (plan.duration_s - 0.05) * 1e6:
                 break
-            model = _locked(models, true_us - plan.pulse_lead_s * 1e6)
+            model = locked(models, true_us - plan.pulse_lead_s * 1e6)
             compare = {"leader": scheduled}
             if model is not None:
                 error = plan.pulse_error_ticks * int(rng.choice((-1, 1)))
@@ -219,55 +187,6 @@ def _pulses(plan: Plan, out: Draft, clocks: dict[str, Clock], models: list[State
             index += 1
     for role in ROLES:
         out.edges[f"{role}.pulse"] = np.array(edges[role], dtype=np.int64)
-
-
-def _imu(plan: Plan, out: Draft, clocks: dict[str, Clock], models: list[State]) -> None:
-    for role, number in ROLES.items():
-        rng = np.random.default_rng(plan.seed + 2 + number)
-        node = plan.node(role)
-        count = int((plan.duration_s - 0.6) * node.imu_rate_hz / BATCH)
-        first = np.arange(count) * BATCH
-        first_us = 0.5e6 + first / node.imu_rate_hz * 1e6
-        ticks = clocks[role].ticks(first_us)
-        rate = 1.0 + node.drift_ppm * 1e-6
-        period = round(TICK_RATE_HZ / node.imu_rate_hz * rate * 256)
-        lsb = rng.integers(-32768, 32768, (count, BATCH, 6)).tolist()
-        for i in range(count):
-            read_us = first_us[i] + BATCH / node.imu_rate_hz * 1e6
-            values: dict[str, Any] = {
-                "source": number,
-                "flags": IMU_FLAGS["hardware_time"],
-                "accel_fs_g": 16,
-                "gyro_fs_dps": 2000,
-                "sample_index": int(first[i]),
-                "t_first_ticks_node": int(ticks[i]),
-                "period_ticks": period,
-                "temperature_cdegc": 2500,
-                "count": BATCH,
-                "samples": [{"gyro_lsb": s[:3], "accel_lsb": s[3:]} for s in lsb[i]],
-            }
-            out.add(role, read_us * 1e3, "imu_batch", **values)
-            if role == "follower" and read_us > (CONNECT_S + 0.2) * 1e6:
-                _forward(plan, out, models, values, read_us)
-
-
-def _forward(
-    plan: Plan, out: Draft, models: list[State], values: dict[str, Any], read_us: float
-) -> None:
-    """The leader's copy, on the leader's clock as far as the model is locked by then."""
-    arrives_us = read_us + plan.conn_interval_us + 3000.0
-    if arrives_us > plan.duration_s * 1e6:
-        return
-    model = _locked(models, arrives_us)
-    copy = dict(values)
-    if model is None:
-        copy |= {"flags": 0, "t_first_ticks_node": 0}
-    else:
-        t = (values["t_first_ticks_node"] - model.offset + model.skew * model.t_ref) / (
-            1.0 + model.skew
-        )
-        copy["t_first_ticks_node"] = round(t)
-    out.add("leader", arrives_us * 1e3, "imu_batch", **copy)
 
 
 def _wrap(plan: Plan, out: Draft) -> None:

@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.recording import Edges, Integrity, SerialStream
+from hil.recording import Edges, ImuTruth, Integrity, SerialStream
 from hil.wire.codec import encode, encode_payload
 from hil.wire.frames import frame as wire_frame
 from hil.wire.messages import BY_NAME
@@ -33,13 +33,14 @@ class Frame:
 
 @dataclass
 class Draft:
-    """Frames and text per role, edge times per channel, integrity of the file."""
+    """Frames and text per role, edge times per channel, the IMUs' truth, integrity of the file."""
 
     frames: dict[str, list[Frame]] = field(default_factory=lambda: {"leader": [], "follower": []})
     raw: dict[str, list[tuple[int, bytes]]] = field(
         default_factory=lambda: {"leader": [], "follower": []}
     )
     edges: dict[str, NDArray[np.int64]] = field(default_factory=dict)
+    imu_truth: dict[str, ImuTruth] = field(default_factory=dict)
     edge_resolution_ns: float = 1000.0
     integrity: Integrity = field(default_factory=lambda: Integrity(complete=True))
 

@@ -6,6 +6,7 @@ Written apart from :mod:`hil.timesync` on purpose: a check must not be tested ag
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from dataclasses import dataclass
 
 import numpy as np
@@ -85,3 +86,9 @@ def _fit(plan: Plan, now_us: float, t: Float, y: Float, generation: int) -> Stat
         pairs=int(t.size),
         state=state,
     )
+
+
+def locked(models: list[State], true_us: float) -> State | None:
+    """The latest model at ``true_us``, if it is locked."""
+    at = bisect_left(models, true_us, key=lambda m: m.true_us) - 1
+    return models[at] if at >= 0 and models[at].state == STATES["locked"] else None

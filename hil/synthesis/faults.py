@@ -12,6 +12,7 @@ import numpy as np
 
 from hil.recording import Integrity
 from hil.synthesis.draft import Draft, Fate, Frame
+from hil.synthesis.imu_faults import IMU_FAULTS
 from hil.synthesis.plan import Plan
 from hil.wire.messages import IMU_FLAGS, PULSE_FLAGS, SYNC_STATES, TICK_RATE_HZ
 
@@ -378,4 +379,5 @@ FAULTS: Final[dict[str, Fault]] = {
     "cut_file": Fault(
         "the file ends early", draft=_integrity(Integrity(False, ("cut after 1000 bytes",), 0, 90))
     ),
+    **{name: Fault(meaning, draft=change) for name, (meaning, change) in IMU_FAULTS.items()},
 }

@@ -115,7 +115,6 @@ IMU_FLAGS: Final[Mapping[str, int]] = {
     "hardware_time": 1,
     "overrun_before": 2,
     "clipped": 4,
-    "synthetic": 8,
 }
 FAULT_CODES: Final[Mapping[str, int]] = {
     "assert": 1,
@@ -126,6 +125,7 @@ FAULT_CODES: Final[Mapping[str, int]] = {
     "imu_fifo_config": 19,
     "link_bad_payload": 32,
     "ppi_exhausted": 33,
+    "command_refused": 34,
 }
 
 MESSAGES: Final[tuple[Message, ...]] = (
@@ -255,6 +255,17 @@ MESSAGES: Final[tuple[Message, ...]] = (
             Field("level_max", "u16", "1", "Largest level seen since the last report, words."),
             Field("watermark", "u16", "1", "Watermark programmed, words."),
             Field("bus_busy_us", "u32", "us", "Time in SPI transfers since boot."),
+            Field("odr_hz", "f32", "Hz", "Nominal output data rate of the sensor."),
+            Field("decimation", "u8", "1", "Samples of the sensor to one of the stream."),
+            Field("samples_crc32", "u32", "1", "CRC-32 (IEEE) over all of `samples`, in order."),
+            Field(
+                "samples_unsettled", "u32", "1", "Pairs dropped before sensor and clock settled."
+            ),
+            Field("slots_by_time", "u32", "1", "Lost slots that only time could show."),
+            Field("edges_refused", "u32", "1", "Edges that do not fit the slots around them."),
+            Field("restarts", "u16", "1", "Times the sensor had to be set up anew."),
+            Field("wake_ups", "u16", "1", "Times motion ended a rest."),
+            Field("wake_to_sample_us", "u32", "us", "Wake-up edge to first sample, last time."),
         ),
     ),
     Message(
@@ -352,6 +363,23 @@ MESSAGES: Final[tuple[Message, ...]] = (
             Field("argument", "u32", "1", "Depends on the code."),
             Field("detail", "u8", "1", "ASCII, zero padded.", count=48),
         ),
+    ),
+    Message(
+        "imu_setup",
+        14,
+        "Host to node: start the IMU anew with these settings; 0 leaves one as the image has it.",
+        (
+            Field("odr_hz", "f32", "Hz", "Output data rate; the nearest one is taken."),
+            Field("accel_fs_g", "u8", "g", "Accelerometer full scale: 2, 4, 8, 16."),
+            Field("gyro_fs_dps", "u16", "dps", "Gyroscope full scale: 125, 250, 500, 1000, 2000."),
+            Field("rest_s", "u16", "s", "Stillness after which the sensor rests; 65535: never."),
+        ),
+    ),
+    Message(
+        "link_drop",
+        15,
+        "Host to node: end the BLE connection; the nodes then connect anew by themselves.",
+        (Field("hold_ms", "u16", "ms", "How long this node stays away from the radio first."),),
     ),
 )
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: Apache-2.0
 """Zephyr's own test suites of the firmware, built for the simulated board and run there.
 
-Each folder in ``firmware/tests`` is one suite. Without a Zephyr workspace they are skipped, with
-the reason; the parts that are plain C are also tested on the host, in ``tests/unit``.
+Each folder in ``firmware/tests`` is one suite. The parts that are plain C are also tested on the
+host, in ``tests/unit``.
 """
 
 from __future__ import annotations
@@ -15,29 +15,10 @@ from pathlib import Path
 
 import pytest
 
-from hil.build import find_babblesim, find_workspace, toolchain
-from hil.errors import BuildError
-
 ROOT = Path(__file__).resolve().parents[2]
 SUITES = sorted(path.parent.name for path in (ROOT / "firmware" / "tests").glob("*/testcase.yaml"))
 BUILD_LIMIT_S = 900
 RUN_LIMIT_S = 300
-
-
-@pytest.fixture(scope="session")
-def build_environment() -> dict[str, str]:
-    try:
-        workspace = find_workspace(None)
-        babblesim = find_babblesim(workspace)
-        compiler = toolchain.choose("sim")
-    except BuildError as error:
-        pytest.skip(str(error))
-    return {
-        **os.environ,
-        **compiler.environment,
-        **babblesim.environment,
-        "ZEPHYR_BASE": str(workspace.zephyr_base),
-    }
 
 
 def tail(text: str, lines: int = 60) -> str:
@@ -55,7 +36,7 @@ def test_suite(suite: str, build_environment: dict[str, str]) -> None:
             *("--build-dir", str(folder), "--pristine", "auto", str(source)),
         ],
         cwd=build_environment["ZEPHYR_BASE"],
-        env=build_environment,
+        env={**os.environ, **build_environment},
         capture_output=True,
         text=True,
         timeout=BUILD_LIMIT_S,

@@ -11,12 +11,13 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[2]
-PURE = ("measure", "timesync", "imu", "link", "motion", "reference")
+PURE = ("measure", "timesync", "imu", "link", "motion", "reference", "core", "parity", "accuracy")
 BACKENDS = ("replay", "sim", "bench")
 
 FORBIDDEN: list[tuple[str, tuple[str, ...]]] = [
     *((f"hil.{name}", ("hil.backends", "hil.bench", "pytest", "serial")) for name in PURE),
     ("hil.report", ("hil.backends",)),
+    ("hil.reference", ("hil.core", "hil.parity", "hil.accuracy")),
     *(
         (
             f"hil.backends.{name}",
@@ -87,6 +88,13 @@ def violations() -> list[str]:
 
 def test_no_forbidden_import() -> None:
     assert violations() == []
+
+
+def test_the_libraries_that_the_rules_name_exist() -> None:
+    """A rule about a folder that is not there would hold whatever anyone did."""
+    for folder in ("wire", "estimator", "timesync"):
+        assert list((ROOT / "firmware" / "lib" / folder).glob("*.[ch]*"))
+    assert {"hil.core", "hil.reference"} <= set(sources())
 
 
 @pytest.mark.parametrize(

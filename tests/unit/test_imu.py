@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from hil import imu, timesync
 from hil.budget import Conditions
 from hil.imu import batches as imu_batches
-from hil.imu import measures
-from hil.imu.batches import Batches, Continuity, continuity, delivery
+from hil.imu import measures, outages
+from hil.imu.batches import Batches, Continuity, batches, continuity, delivery
 from hil.measure import Verdict
-from hil.recording import Recording
+from hil.recording import Event, Recording
 from hil.synthesis import Plan, synthesise
 from hil.wire.messages import IMU_FLAGS
 
@@ -116,6 +116,29 @@ def test_a_displaced_batch_time_shows_twice() -> None:
     assert sorted(jitter[np.abs(jitter) > 0.1]) == pytest.approx([-10.0, 10.0])
 
 
+def test_a_rest_is_taken_out_of_the_times_and_a_stall_is_not() -> None:
+    b = make(starts(1500))
+    b.t_first_ticks[700:] += 5 * RATE
+    b.t_first_ticks[1100:] += RATE // 10
+    rested = imu_batches.without_rests(b, 2)
+    assert imu_batches.sample_period_ticks(rested) == pytest.approx(38_400.0)
+    assert np.max(np.abs(imu_batches.time_jitter_us(rested))) < 0.1
+    assert np.max(np.abs(imu_batches.period_error_ppm(rested, RATE / 38_400))) < 1.0
+    # Only as many as the node counted: the shorter pause stays.
+    once = imu_batches.time_jitter_us(imu_batches.without_rests(b, 1))
+    assert np.max(once) == pytest.approx(1e5)
+    assert imu_batches.without_rests(b, 0) is b
+    # A pause with a hole in the samples, or one too short for a rest, is none.
+    hole = make([*starts(700), *(f + 8 for f in starts(1500)[700:])])
+    hole.t_first_ticks[700:] += RATE
+    kept = imu_batches.without_rests(hole, 1).t_first_ticks
+    np.testing.assert_array_equal(kept, hole.t_first_ticks)
+    short = make(starts(1500))
+    short.t_first_ticks[700:] += RATE // 100
+    kept = imu_batches.without_rests(short, 1).t_first_ticks
+    np.testing.assert_array_equal(kept, short.t_first_ticks)
+
+
 def test_times_without_the_hardware_flag_are_not_used() -> None:
     b = make(starts(1500))
     b.t_first_ticks[::5] = 0
@@ -179,3 +202,41 @@ def test_every_measurement_exists_even_for_silence() -> None:
     silent = synthesise(Plan(duration_s=6.0), ["no_batches"])
     names = [[m.name for m in imu.measure(r, timesync.analyse(r))] for r in (full, silent)]
     assert names[0] == names[1]
+
+
+def outage_run(hold_ms: int = 0) -> tuple[Recording, Batches]:
+    """A second of the leader's copy with a hole of 0.4 s, and a disconnection in the middle."""
+    first = np.concatenate([np.arange(0, 100, 4), np.arange(260, 360, 4)])
+    seen = np.asarray(first / 400 * 1e9 + 2e7, dtype=np.int64)
+    copy = replace(
+        batches(synthesise(Plan(duration_s=2.0)), "leader", "follower"),
+        first=first,
+        count=np.full(first.size, 4),
+        seen_t_ns_bench=seen,
+    )
+    event = Event(300_000_000, "disconnect", "leader", {"hold_ms": hold_ms})
+    return replace(synthesise(Plan(duration_s=2.0)), events=(event,)), copy
+
+
+def test_a_hole_around_a_disconnection_asked_for_is_an_outage() -> None:
+    recording, copy = outage_run(hold_ms=100)
+    (found,) = outages.asked_for(recording, copy)
+    assert (found.first, found.end, found.samples) == (100, 260, 160)
+    # From the batch of sample 96 to that of 260 at 400 Hz, less the hold.
+    assert found.duration_s == pytest.approx(0.41 - 0.1)
+    (measured,) = outages.measure(recording, [found], Conditions(7500.0))
+    assert measured.verdict is Verdict.PASS
+    slow = replace(found, duration_s=1.2)
+    (measured,) = outages.measure(recording, [slow], Conditions(7500.0))
+    assert measured.verdict is Verdict.FAIL
+
+
+def test_a_hole_elsewhere_is_none() -> None:
+    recording, copy = outage_run()
+    early = Event(50_000_000, "disconnect", "leader", {})
+    assert outages.asked_for(replace(recording, events=(early,)), copy)[0].first == 100
+    late = Event(700_000_000, "disconnect", "leader", {})
+    assert outages.asked_for(replace(recording, events=(late,)), copy) == []
+    note = Event(300_000_000, "note", "leader", {})
+    assert outages.asked_for(replace(recording, events=(note,)), copy) == []
+    assert outages.measure(replace(recording, events=(note,)), [], Conditions(7500.0)) == []

@@ -9,6 +9,7 @@ import pytest
 from hil.motion import motion_file
 from hil.motion.bar import GRAVITY_MPS2, Bar, at_point
 from hil.motion.curves import Fourier, Key, Product, Spline, window
+from hil.motion.imu_model import UNCALIBRATED, draw_errors
 from hil.motion.lifts import LIFTS, bench, drop, seeded_set, touch_and_go_ten
 from hil.motion.repetitions import truth
 
@@ -172,30 +173,48 @@ def test_impossible_curves_are_refused(build, says):
 
 def test_motion_file_round_trip(tmp_path):
     lift, bar = bench(1, reps=1), Bar()
-    path = tmp_path / "leader.csv"
-    rows = motion_file.write(path, lift.trajectory, bar, "leader", rate_hz=500.0)
+    path = tmp_path / "leader.motion"
+    rows = motion_file.write(path, lift.trajectory, bar, "leader", start_s=2.0, rate_hz=500.0)
     table = motion_file.read(path)
     assert table.shape == (rows, 7)
-    ideal = at_point(lift.trajectory(table[:, 0]), bar.mounts["leader"])
-    np.testing.assert_allclose(table[:, 1:4], ideal.specific_force_mps2, atol=1e-5)
-    np.testing.assert_allclose(table[:, 4:7], ideal.rate_radps, atol=1e-6)
+    assert table[0, 0] == 2.0
+    ideal = at_point(lift.trajectory(table[:, 0] - 2.0), bar.mounts["leader"])
+    np.testing.assert_allclose(table[:, 1:4], ideal.specific_force_mps2, atol=1e-9)
+    np.testing.assert_allclose(table[:, 4:7], ideal.rate_radps, atol=1e-9)
+
+
+def test_motion_file_holds_the_errors_of_its_chip(tmp_path):
+    lift, bar, path = bench(1, reps=1), Bar(), tmp_path / "leader.motion"
+    errors = draw_errors(np.random.default_rng(5), UNCALIBRATED)
+    motion_file.write(path, lift.trajectory, bar, "leader", errors=errors)
+    table = motion_file.read(path)
+    still = at_point(lift.trajectory(table[:1, 0]), bar.mounts["leader"])
+    bias = table[0, 1:4] - errors.accel_matrix @ still.specific_force_mps2[0]
+    np.testing.assert_allclose(bias, errors.accel_bias_mps2, atol=1e-12)
+
+
+def raw(version=1, claimed=1, rows=((0.0,) * 7,)):
+    table = np.array(rows, dtype="<f8")
+    return motion_file.HEADER.pack(motion_file.MAGIC, version, claimed) + table.tobytes()
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("data", "says"),
     [
-        ("t,x\n0,0\n", "expected 't_s"),
-        (motion_file.HEADER + "\n0,0,0\n", "columns"),
-        (motion_file.HEADER + "\n0,0,0,0,0,0,0\n0,0,0,0,0,0,0\n", "do not increase at row 3"),
+        (b"t,x\n0,0\n", "not a motion file"),
+        (raw(version=2), "version 2"),
+        (raw(claimed=3), "do not hold the 3 rows"),
+        (raw()[:-1], "do not hold the 1 rows"),
+        (raw(claimed=2, rows=((0.0,) * 7,) * 2), "do not increase at row 1"),
     ],
 )
-def test_bad_motion_files_are_refused(tmp_path, text, says):
-    path = tmp_path / "bad.csv"
-    path.write_text(text)
+def test_bad_motion_files_are_refused(tmp_path, data, says):
+    path = tmp_path / "bad.motion"
+    path.write_bytes(data)
     with pytest.raises(ValueError, match=says):
         motion_file.read(path)
 
 
 def test_unknown_mount_is_refused(tmp_path):
     with pytest.raises(ValueError, match="no IMU 'middle'"):
-        motion_file.write(tmp_path / "x.csv", bench(1, reps=1).trajectory, Bar(), "middle")
+        motion_file.write(tmp_path / "x.motion", bench(1, reps=1).trajectory, Bar(), "middle")

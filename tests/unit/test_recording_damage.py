@@ -39,6 +39,7 @@ class Sample:
         self.reads: Reads = {role: {} for role in ROLES}
         self.edges: list[tuple[int, int, int]] = []
         self.events: list[Event] = []
+        self.slots: list[tuple[int, float, list[int]]] = []
         ends = dict.fromkeys(ROLES, 0)
         with Writer(path, PROVENANCE) as writer:
             for i in range(TURNS):
@@ -49,6 +50,9 @@ class Sample:
                     ends[role] += len(data)
                 self.edges.append((1000 * i, i % 6, i % 2))
                 writer.write_edges(*zip(self.edges[-1], strict=True))
+                self.slots.append((i, 250.0 * i, rng.integers(-99, 99, 6).tolist()))
+                slot, t_us, counts = self.slots[-1]
+                writer.write_imu_truth("leader", [1], [slot], [t_us], [counts], [8])
                 if i % 10 == 0:
                     self.events.append(Event(1000 * i, "note", "leader", {"i": i}))
                     writer.write_event(self.events[-1])
@@ -90,6 +94,14 @@ def surviving(recording: Recording) -> Reads:
     return found
 
 
+def slots_of(recording: Recording) -> list[tuple[int, float, list[int]]]:
+    if "leader" not in recording.imu_truth:
+        return []
+    truth = recording.imu_truth["leader"]
+    columns = (truth.slot, np.round(truth.t_us_true, 2), truth.counts)
+    return list(zip(*(column.tolist() for column in columns), strict=True))
+
+
 def assert_nothing_false(recording: Recording, sample: Sample) -> None:
     """Every part that came out went in, and ``complete`` means all of it came out."""
     found = surviving(recording)
@@ -100,8 +112,13 @@ def assert_nothing_false(recording: Recording, sample: Sample) -> None:
     rows = list(zip(*(column.tolist() for column in columns), strict=True))
     assert set(rows) <= set(sample.edges)
     assert all(event in sample.events for event in recording.events)
+    slots = slots_of(recording)
+    assert all(slot in sample.slots for slot in slots)
     everything = (
-        found == sample.reads and rows == sample.edges and list(recording.events) == sample.events
+        found == sample.reads
+        and rows == sample.edges
+        and slots == sample.slots
+        and list(recording.events) == sample.events
     )
     if recording.integrity.complete:
         assert everything
@@ -193,8 +210,8 @@ def test_any_two_chunks_may_be_lost_and_are_counted(sample: Sample, tmp_path: Pa
         damaged[(start + end) // 2] ^= 0xFF
     path.write_bytes(damaged)
     recording = load(path)
-    # Each chunk holds a block of both ports, one of edges and, most of them, an event.
-    assert 6 <= recording.integrity.lost_blocks <= 8
+    # Each chunk holds a block of both ports, of edges, of truth and, most of them, an event.
+    assert 8 <= recording.integrity.lost_blocks <= 10
     for role in ROLES:
         stream = recording.serial[role]
         assert len(stream.gap_bytes) == 2

@@ -39,6 +39,7 @@ class Genuine:
                 writer.write_serial("leader", i, b"leader,%d\r\n" % i)
                 writer.write_edges([i], [1], [i % 2])
             writer.write_event(Event(3, "note", "leader", {"a": [1]}))
+            writer.write_imu_truth("leader", [1, 1], [4, 5], [2.0, 3.0], [[7] * 6] * 2, [8, 9])
         self.bytes = path.read_bytes()
         with path.open("rb") as file:
             reader = mcap.reader.make_reader(file)
@@ -392,6 +393,45 @@ def test_edge_blocks_that_lie(path: Path, genuine: Genuine, block: bytes, said: 
     recording = opened(path, genuine.front + chunk(message(genuine.ids["/edges"], 0, block)))
     assert len(recording.edges.t_ns_bench) == 0
     assert said in "\n".join(recording.integrity.problems)
+
+
+def truth_block(slots: int, first: int, t_us: tuple[float, float], body: int) -> bytes:
+    return struct.pack("<IIIdd", slots, 1, first, *t_us) + bytes(body)
+
+
+@pytest.mark.parametrize(
+    ("block", "said"),
+    [
+        (b"", "too few"),
+        (truth_block(0, 0, (0, 0), 0), "0 slots do not fit"),
+        (truth_block(0xFFFFFFFF, 0, (0, 0), 13), "do not fit"),
+        (truth_block(1, 0, (0, 0), 14), "1 slots do not fit"),
+        (truth_block(2, 0xFFFFFFFF, (0, 1), 26), "leave 32 bits"),
+        (truth_block(2, 0, (0, float("nan")), 26), "not finite"),
+        (truth_block(2, 0, (float("-inf"), 0), 26), "not finite"),
+        (truth_block(2, 0, (0, 1e300), 26), "beyond 35 years"),
+        (truth_block(2, 0, (1, 0), 26), "does not fit its first"),
+        (truth_block(1, 0, (0, 1), 13), "does not fit its first"),
+    ],
+)
+def test_blocks_of_imu_truth_that_lie(
+    path: Path, genuine: Genuine, block: bytes, said: str
+) -> None:
+    topic = genuine.ids["/truth/leader/imu"]
+    recording = opened(path, genuine.front + chunk(message(topic, 0, block)))
+    assert recording.imu_truth == {}
+    assert said in "\n".join(recording.integrity.problems)
+
+
+def test_a_flood_of_tiny_truth_stays_within_memory(path: Path, genuine: Genuine) -> None:
+    """Blocks of one slot each, the costliest there are."""
+    topic = genuine.ids["/truth/leader/imu"]
+    count = 4000
+    block = truth_block(1, 0, (0, 0), 13)
+    contents = b"".join(message(topic, number, block) for number in range(count))
+    recording = opened(path, genuine.front + chunk(contents))
+    assert len(recording.imu_truth["leader"]) == count
+    assert "goes back" in "\n".join(recording.integrity.problems)
 
 
 EVENT = '{"t_ns_bench":%s,"kind":"k","node":"n","data":%s}'

@@ -27,7 +27,14 @@ wander = [{ amplitude_ppm = 0.2, period_s = 37.0, phase_rad = 0.5 }]
 
 [nodes.follower]
 drift_ppm = -31.1
-imu = { odr_error = -0.068 }
+imu = { odr_hz = 1667, odr_error = -0.068, faults = [{ kind = "overrun", at_s = 4 }] }
+
+[motion]
+lift = "bench"
+rests = true
+
+[[link_drops]]
+at_s = 5
 
 [channel]
 kind = "multiatt"
@@ -46,7 +53,12 @@ def test_every_key_is_read(tmp_path: Path) -> None:
     assert read.duration_s == 12.5
     assert read.kconfig == {"leader": {"BV_CONN_INTERVAL": 24}}
     assert read.node("leader").wander == (scenario.Wander(0.2, 37.0, 0.5),)
-    assert read.node("follower").imu == {"odr_error": -0.068}
+    assert read.node("follower").imu == scenario.ImuScenario(
+        odr_hz=1667, odr_error=-0.068, faults=(scenario.ImuFault("overrun", 4),)
+    )
+    assert read.node("leader").imu == scenario.ImuScenario()
+    assert read.motion == scenario.Motion("bench", rests=True)
+    assert read.link_drops == (scenario.LinkDrop(5),)
     assert read.channel == scenario.Channel("multiatt", 90)
     assert read.expect_fail == ("sync.error_p99_ns",)
 

@@ -30,9 +30,23 @@ FULL = scenario.from_mapping(
                     {"amplitude_ppm": 0.2, "period_s": 37.0, "phase_rad": 0.5},
                     {"amplitude_ppm": -0.1, "period_s": 5},
                 ],
+                "imu": {
+                    "odr_hz": 1667,
+                    "accel_fs_g": 4,
+                    "odr_error": -0.068,
+                    "odr_drift_per_s": 1e-6,
+                    "temperature_degc": 31,
+                    "temperature_ramp_degc_per_s": 0.5,
+                    "faults": [
+                        {"kind": "missing_int", "at_s": 2},
+                        {"kind": "stuck_bus", "at_s": 4, "duration_s": 0.5},
+                        {"kind": "bit_errors", "at_s": 6.5, "rate": 1e-4},
+                    ],
+                },
             },
             "follower": {"drift_ppm": -31.1},
         },
+        "motion": {"lift": "bench", "seed": 2},
         "channel": {"kind": "multiatt", "attenuation_db": 91.5},
     },
     "test",
@@ -56,7 +70,13 @@ def test_the_radio_simulator_on_a_lossy_channel() -> None:
 
 def node(role: str, plan: Scenario) -> list[str]:
     return arguments.node(
-        Path("/b/zephyr.exe"), role, plan, sim_id="id", serial="/dev/pts/3", folder=Path("/t")
+        Path("/b/zephyr.exe"),
+        role,
+        plan,
+        sim_id="id",
+        serial="/dev/pts/3",
+        folder=Path("/t"),
+        commands=plan is FULL,
     )
 
 
@@ -66,9 +86,19 @@ def test_a_node_with_everything() -> None:
         "-xo_drift=1.37e-05",
         "-start_offset=12345",
         "-xo_wander=2e-07:37.0:0.5,-1e-07:5:0.0",
+        *("-imu_rate_error=-0.068", "-imu_rate_drift=1e-06"),
+        *("-imu_temperature=31", "-imu_temperature_ramp=0.5"),
+        # 75 ug/rtHz at 4 g and 3.8 mdps/rtHz, over half of 1667 Hz.
+        *("-imu_noise=0.0212341:0.00191476", "-imu_seed=7"),
+        "-imu_fault=missing_int:2:0.0",
+        "-imu_fault=stuck_bus:4:0.5",
+        "-imu_fault=bit_errors:6.5:0.0:0.0001",
         "-hil_uart=/dev/pts/3",
         "-hil_uart_times=/t/leader.times",
         "-gpio_out_file=/t/leader.pins.csv",
+        *("-imu_truth=/t/leader.truth", "-imu_edges=/t/leader.int1.csv"),
+        "-hil_commands=/t/leader.commands",
+        "-imu_motion=/t/leader.motion",
     ]
 
 
@@ -76,9 +106,14 @@ def test_a_node_with_nothing() -> None:
     assert node("follower", PLAIN) == [
         *("/b/zephyr.exe", "-s=id", "-d=1", "-rs=16", "-no-color"),
         *("-xo_drift=0.0", "-start_offset=0"),
+        *("-imu_rate_error=0.0", "-imu_rate_drift=0.0"),
+        *("-imu_temperature=25.0", "-imu_temperature_ramp=0.0"),
+        # 110 ug/rtHz at 16 g, over half of 417 Hz.
+        *("-imu_noise=0.0155764:0.000957666", "-imu_seed=16"),
         "-hil_uart=/dev/pts/3",
         "-hil_uart_times=/t/follower.times",
         "-gpio_out_file=/t/follower.pins.csv",
+        *("-imu_truth=/t/follower.truth", "-imu_edges=/t/follower.int1.csv"),
     ]
 
 

@@ -18,6 +18,11 @@
 /* While waiting for motion: half the change of 1/256 of 2 g is one step of the threshold. */
 #define WAKE_CHANGE_MG_PER_256_STEPS (2U * 2000U)
 
+/* Three samples: the first ones after the accelerometer was switched on are not settled, and their
+ * change would count as motion.
+ */
+#define WAKE_SETTLE_MS 60
+
 struct setting {
 	uint8_t address;
 	uint8_t value;
@@ -208,11 +213,18 @@ int lsm6dsox_config_wake(struct lsm6dsox_bus *bus, const struct lsm6dsox_setting
 		REGISTER(LSM6DSOX_CTRL1_XL, lsm6dsox_ctrl1_xl_t, .odr_xl = LSM6DSOX_XL_ODR_52Hz,
 			 .fs_xl = LSM6DSOX_2g),
 		REGISTER(LSM6DSOX_MD1_CFG, lsm6dsox_md1_cfg_t, .int1_wu = 1),
-		REGISTER(LSM6DSOX_TAP_CFG2, lsm6dsox_tap_cfg2_t, .interrupts_enable = 1),
 	};
+	const struct setting enable =
+		REGISTER(LSM6DSOX_TAP_CFG2, lsm6dsox_tap_cfg2_t, .interrupts_enable = 1);
 	int err = each(bus, settings, ARRAY_SIZE(settings), write_setting);
 
-	return err ? err : each(bus, settings, ARRAY_SIZE(settings), check_setting);
+	err = err ? err : each(bus, settings, ARRAY_SIZE(settings), check_setting);
+	if (err) {
+		return err;
+	}
+	k_msleep(WAKE_SETTLE_MS);
+	err = write_setting(bus, &enable);
+	return err ? err : check_setting(bus, &enable);
 }
 
 int lsm6dsox_config_has_woken(struct lsm6dsox_bus *bus, bool *woken)

@@ -19,6 +19,9 @@
  */
 #define HARDWARE_SIGMA_TICKS 6.0f
 
+/* A saturated axis rests a little below the end of the 16 bits: at 32742 in one of ST's own logs. */
+#define CLIPPED_LSB 32700
+
 static uint32_t crc32_nibbles(uint32_t crc, uint8_t byte)
 {
 	/* IEEE 802.3, reflected, four bits at a time. */
@@ -48,7 +51,7 @@ static uint32_t crc32_axes(uint32_t crc, const int16_t axes_lsb[3])
 static bool is_clipped(const int16_t axes_lsb[3])
 {
 	for (size_t i = 0; i < 3; i++) {
-		if (axes_lsb[i] == INT16_MAX || axes_lsb[i] == INT16_MIN) {
+		if (axes_lsb[i] >= CLIPPED_LSB || axes_lsb[i] <= -CLIPPED_LSB) {
 			return true;
 		}
 	}

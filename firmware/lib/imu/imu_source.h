@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /**
  * @file
- * Where IMU batches come from. One source is linked in, chosen by Kconfig; applications do not
- * know which.
+ * The node's IMU: batches to the application, at the sensor's rate or decimated; FIFO statistics
+ * and faults to the diagnostic stream.
  */
 #ifndef BV_IMU_SOURCE_H_
 #define BV_IMU_SOURCE_H_
@@ -14,7 +14,7 @@ extern "C" {
 #endif
 
 /**
- * Takes one batch, in the source's own thread. @p batch is valid during the call only.
+ * Takes one batch, in the driver's thread. @p batch is valid during the call only.
  *
  * Everything is filled in but `source`: times are on this node's sync clock, `period_ticks` is
  * the measured period in 1/256 tick, `sample_index` counts from 0 without gaps unless samples
@@ -23,14 +23,20 @@ extern "C" {
 typedef void (*imu_source_batch_cb)(const struct wire_imu_batch *batch);
 
 /**
- * Start sampling. sync_timer_init() must have succeeded.
+ * Start sampling as devicetree and Kconfig say. sync_timer_init() must have succeeded.
  *
  * @return 0, or a negative errno of the device; -EALREADY when running.
  */
 int imu_source_start(imu_source_batch_cb on_batch);
 
-/** Stop sampling; at most one more batch is delivered. */
-void imu_source_stop(void);
+/**
+ * Start anew with other settings; samples count from 0 again. After imu_source_start(), and not
+ * from the batch callback.
+ *
+ * @return 0; -EINVAL for a rate or scale that the sensor does not have, and then nothing changes;
+ *         -EAGAIN before imu_source_start(); or as that.
+ */
+int imu_source_setup(const struct wire_imu_setup *setup);
 
 #ifdef __cplusplus
 }

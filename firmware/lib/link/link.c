@@ -46,6 +46,8 @@ static atomic_t is_ready;
 static atomic_t disconnects;
 static atomic_t tx_dropped;
 static atomic_t bad_payloads;
+static atomic_t drop_wanted;
+static atomic_t hold_ms;
 static atomic_t batches_sent;
 
 static void on_connected(struct bt_conn *conn, uint8_t error)
@@ -64,10 +66,16 @@ static void on_connected(struct bt_conn *conn, uint8_t error)
 	k_sem_give(&attempt_ended);
 }
 
-static void on_disconnected(struct bt_conn *conn, uint8_t reason)
+/* The link thread may be waiting for something to send. When the queue is full it is not. */
+static void wake_link_thread(void)
 {
 	static const struct value wake = {.len = 0};
 
+	(void)k_msgq_put(&tx_queue, &wake, K_NO_WAIT);
+}
+
+static void on_disconnected(struct bt_conn *conn, uint8_t reason)
+{
 	ARG_UNUSED(reason);
 	if (conn != current_conn) {
 		return;
@@ -76,8 +84,7 @@ static void on_disconnected(struct bt_conn *conn, uint8_t reason)
 	atomic_clear(&is_connected);
 	atomic_inc(&disconnects);
 	callbacks->disconnected();
-	/* The link thread may be waiting for something to send. When the queue is full it is not. */
-	(void)k_msgq_put(&tx_queue, &wake, K_NO_WAIT);
+	wake_link_thread();
 }
 
 static bool on_param_request(struct bt_conn *conn, struct bt_le_conn_param *param)
@@ -123,12 +130,22 @@ int link_send(uint8_t type, const uint8_t *payload, size_t len)
 	return 0;
 }
 
+void link_drop(uint16_t hold_off_ms)
+{
+	atomic_set(&hold_ms, hold_off_ms);
+	atomic_set(&drop_wanted, 1);
+	wake_link_thread();
+}
+
 static void drain_queue(struct bt_conn *conn)
 {
 	static struct value value;
 
 	while (atomic_get(&is_connected)) {
 		(void)k_msgq_get(&tx_queue, &value, K_FOREVER);
+		if (atomic_cas(&drop_wanted, 1, 0)) {
+			(void)bt_conn_disconnect(conn, BT_HCI_ERR_REMOTE_USER_TERM_CONN);
+		}
 		if (value.len == 0U || !atomic_get(&is_connected)) {
 			continue;
 		}
@@ -146,6 +163,7 @@ static void serve_connection(void)
 
 	/* Nothing said on an earlier connection may be heard on this one. */
 	k_msgq_purge(&tx_queue);
+	atomic_clear(&drop_wanted);
 	if (link_role_setup(conn) == 0) {
 		if (atomic_get(&is_connected)) {
 			atomic_set(&is_ready, 1);
@@ -169,6 +187,7 @@ static void link_thread(void *p1, void *p2, void *p3)
 	ARG_UNUSED(p3);
 	(void)k_sem_take(&bluetooth_ready, K_FOREVER);
 	for (;;) {
+		k_sleep(K_MSEC(atomic_clear(&hold_ms)));
 		k_sem_reset(&attempt_ended);
 		if (link_role_seek() != 0 || k_sem_take(&attempt_ended, CONNECT_TIMEOUT) != 0 ||
 		    last_connect_error != 0U) {

@@ -53,6 +53,13 @@ int link_start(const struct link_callbacks *callbacks);
 int link_send(uint8_t type, const uint8_t *payload, size_t len);
 
 /**
+ * End the connection, if there is one; the nodes then connect anew by themselves.
+ *
+ * @param hold_ms how long this node stays away from the radio first.
+ */
+void link_drop(uint16_t hold_ms);
+
+/**
  * Fill in what the link knows; the rest of @p stats is left as it is. Asks the controller for
  * the RSSI, so not from a Bluetooth callback.
  */

@@ -105,6 +105,32 @@ static void report_link(const struct node_config *config)
 	report_bad_payloads(stats.bad_payloads);
 }
 
+static int take_command(uint8_t type, const uint8_t *payload, size_t len)
+{
+	struct wire_imu_setup setup;
+	struct wire_link_drop drop;
+
+	if (type == WIRE_IMU_SETUP_ID && wire_imu_setup_get(&setup, payload, len)) {
+		return imu_source_setup(&setup);
+	}
+	if (type == WIRE_LINK_DROP_ID && wire_link_drop_get(&drop, payload, len)) {
+		link_drop(drop.hold_ms);
+		return 0;
+	}
+	return -EBADMSG;
+}
+
+/* In the system work queue. */
+static void on_command(uint8_t type, const uint8_t *payload, size_t len)
+{
+	const int err = take_command(type, payload, len);
+
+	if (err) {
+		diag_report_fault(WIRE_FAULT_CODE_COMMAND_REFUSED, (uint32_t)-err,
+				  "command of the host refused");
+	}
+}
+
 static void say_hello(void)
 {
 	diag_report_hello();
@@ -129,7 +155,7 @@ static void start(const struct node_config *config)
 _Noreturn void node_run(const struct node_config *config)
 {
 	int64_t next_ms = k_uptime_get();
-	int err = diag_uart_init(NULL);
+	int err = diag_uart_init(on_command);
 
 	if (err) {
 		printk("diagnostic UART did not open: %d\n", err);

@@ -20,7 +20,7 @@
 #include <string.h>
 
 #define WIRE_PROTOCOL_VERSION 1u
-#define WIRE_SCHEMA_HASH UINT64_C(0x6E99283D6F116862)
+#define WIRE_SCHEMA_HASH UINT64_C(0x0294C8E9ADDBAA9C)
 #define WIRE_TICK_RATE_HZ 16000000u
 /* Size of the largest payload of all messages. */
 #define WIRE_MAX_PAYLOAD_SIZE 216u
@@ -51,7 +51,6 @@ enum {
 	WIRE_IMU_FLAG_HARDWARE_TIME = 1,
 	WIRE_IMU_FLAG_OVERRUN_BEFORE = 2,
 	WIRE_IMU_FLAG_CLIPPED = 4,
-	WIRE_IMU_FLAG_SYNTHETIC = 8,
 };
 
 enum {
@@ -63,6 +62,7 @@ enum {
 	WIRE_FAULT_CODE_IMU_FIFO_CONFIG = 19,
 	WIRE_FAULT_CODE_LINK_BAD_PAYLOAD = 32,
 	WIRE_FAULT_CODE_PPI_EXHAUSTED = 33,
+	WIRE_FAULT_CODE_COMMAND_REFUSED = 34,
 };
 
 static inline void wire_put_u8(uint8_t *buf, uint8_t value)
@@ -570,7 +570,7 @@ static inline bool wire_pulse_get(struct wire_pulse *m, const uint8_t *buf,
 
 /* Counters of the IMU FIFO since boot. */
 #define WIRE_FIFO_STATS_ID 7u
-#define WIRE_FIFO_STATS_SIZE 52u
+#define WIRE_FIFO_STATS_SIZE 81u
 #define WIRE_FIFO_STATS_T_TICKS_NODE_OFFSET 0u
 #define WIRE_FIFO_STATS_SAMPLES_OFFSET 8u
 #define WIRE_FIFO_STATS_BATCHES_OFFSET 12u
@@ -584,6 +584,15 @@ static inline bool wire_pulse_get(struct wire_pulse *m, const uint8_t *buf,
 #define WIRE_FIFO_STATS_LEVEL_MAX_OFFSET 44u
 #define WIRE_FIFO_STATS_WATERMARK_OFFSET 46u
 #define WIRE_FIFO_STATS_BUS_BUSY_US_OFFSET 48u
+#define WIRE_FIFO_STATS_ODR_HZ_OFFSET 52u
+#define WIRE_FIFO_STATS_DECIMATION_OFFSET 56u
+#define WIRE_FIFO_STATS_SAMPLES_CRC32_OFFSET 57u
+#define WIRE_FIFO_STATS_SAMPLES_UNSETTLED_OFFSET 61u
+#define WIRE_FIFO_STATS_SLOTS_BY_TIME_OFFSET 65u
+#define WIRE_FIFO_STATS_EDGES_REFUSED_OFFSET 69u
+#define WIRE_FIFO_STATS_RESTARTS_OFFSET 73u
+#define WIRE_FIFO_STATS_WAKE_UPS_OFFSET 75u
+#define WIRE_FIFO_STATS_WAKE_TO_SAMPLE_US_OFFSET 77u
 
 struct wire_fifo_stats {
 	/* When counted. [tick, node clock] */
@@ -612,6 +621,24 @@ struct wire_fifo_stats {
 	uint16_t watermark;
 	/* Time in SPI transfers since boot. [us] */
 	uint32_t bus_busy_us;
+	/* Nominal output data rate of the sensor. [Hz] */
+	float odr_hz;
+	/* Samples of the sensor to one of the stream. [1] */
+	uint8_t decimation;
+	/* CRC-32 (IEEE) over all of `samples`, in order. [1] */
+	uint32_t samples_crc32;
+	/* Pairs dropped before sensor and clock settled. [1] */
+	uint32_t samples_unsettled;
+	/* Lost slots that only time could show. [1] */
+	uint32_t slots_by_time;
+	/* Edges that do not fit the slots around them. [1] */
+	uint32_t edges_refused;
+	/* Times the sensor had to be set up anew. [1] */
+	uint16_t restarts;
+	/* Times motion ended a rest. [1] */
+	uint16_t wake_ups;
+	/* Wake-up edge to first sample, last time. [us] */
+	uint32_t wake_to_sample_us;
 };
 
 static inline size_t wire_fifo_stats_put(uint8_t *buf, const struct wire_fifo_stats *m)
@@ -629,6 +656,15 @@ static inline size_t wire_fifo_stats_put(uint8_t *buf, const struct wire_fifo_st
 	wire_put_u16(buf + WIRE_FIFO_STATS_LEVEL_MAX_OFFSET, m->level_max);
 	wire_put_u16(buf + WIRE_FIFO_STATS_WATERMARK_OFFSET, m->watermark);
 	wire_put_u32(buf + WIRE_FIFO_STATS_BUS_BUSY_US_OFFSET, m->bus_busy_us);
+	wire_put_f32(buf + WIRE_FIFO_STATS_ODR_HZ_OFFSET, m->odr_hz);
+	wire_put_u8(buf + WIRE_FIFO_STATS_DECIMATION_OFFSET, m->decimation);
+	wire_put_u32(buf + WIRE_FIFO_STATS_SAMPLES_CRC32_OFFSET, m->samples_crc32);
+	wire_put_u32(buf + WIRE_FIFO_STATS_SAMPLES_UNSETTLED_OFFSET, m->samples_unsettled);
+	wire_put_u32(buf + WIRE_FIFO_STATS_SLOTS_BY_TIME_OFFSET, m->slots_by_time);
+	wire_put_u32(buf + WIRE_FIFO_STATS_EDGES_REFUSED_OFFSET, m->edges_refused);
+	wire_put_u16(buf + WIRE_FIFO_STATS_RESTARTS_OFFSET, m->restarts);
+	wire_put_u16(buf + WIRE_FIFO_STATS_WAKE_UPS_OFFSET, m->wake_ups);
+	wire_put_u32(buf + WIRE_FIFO_STATS_WAKE_TO_SAMPLE_US_OFFSET, m->wake_to_sample_us);
 	return WIRE_FIFO_STATS_SIZE;
 }
 
@@ -651,6 +687,15 @@ static inline bool wire_fifo_stats_get(struct wire_fifo_stats *m, const uint8_t 
 	m->level_max = wire_get_u16(buf + WIRE_FIFO_STATS_LEVEL_MAX_OFFSET);
 	m->watermark = wire_get_u16(buf + WIRE_FIFO_STATS_WATERMARK_OFFSET);
 	m->bus_busy_us = wire_get_u32(buf + WIRE_FIFO_STATS_BUS_BUSY_US_OFFSET);
+	m->odr_hz = wire_get_f32(buf + WIRE_FIFO_STATS_ODR_HZ_OFFSET);
+	m->decimation = wire_get_u8(buf + WIRE_FIFO_STATS_DECIMATION_OFFSET);
+	m->samples_crc32 = wire_get_u32(buf + WIRE_FIFO_STATS_SAMPLES_CRC32_OFFSET);
+	m->samples_unsettled = wire_get_u32(buf + WIRE_FIFO_STATS_SAMPLES_UNSETTLED_OFFSET);
+	m->slots_by_time = wire_get_u32(buf + WIRE_FIFO_STATS_SLOTS_BY_TIME_OFFSET);
+	m->edges_refused = wire_get_u32(buf + WIRE_FIFO_STATS_EDGES_REFUSED_OFFSET);
+	m->restarts = wire_get_u16(buf + WIRE_FIFO_STATS_RESTARTS_OFFSET);
+	m->wake_ups = wire_get_u16(buf + WIRE_FIFO_STATS_WAKE_UPS_OFFSET);
+	m->wake_to_sample_us = wire_get_u32(buf + WIRE_FIFO_STATS_WAKE_TO_SAMPLE_US_OFFSET);
 	return true;
 }
 
@@ -1081,6 +1126,73 @@ static inline bool wire_fault_get(struct wire_fault *m, const uint8_t *buf,
 	for (size_t i = 0; i < WIRE_FAULT_DETAIL_COUNT; i++) {
 		m->detail[i] = wire_get_u8(buf + WIRE_FAULT_DETAIL_OFFSET + i);
 	}
+	return true;
+}
+
+/* Host to node: start the IMU anew with these settings; 0 leaves one as the image has it. */
+#define WIRE_IMU_SETUP_ID 14u
+#define WIRE_IMU_SETUP_SIZE 9u
+#define WIRE_IMU_SETUP_ODR_HZ_OFFSET 0u
+#define WIRE_IMU_SETUP_ACCEL_FS_G_OFFSET 4u
+#define WIRE_IMU_SETUP_GYRO_FS_DPS_OFFSET 5u
+#define WIRE_IMU_SETUP_REST_S_OFFSET 7u
+
+struct wire_imu_setup {
+	/* Output data rate; the nearest one is taken. [Hz] */
+	float odr_hz;
+	/* Accelerometer full scale: 2, 4, 8, 16. [g] */
+	uint8_t accel_fs_g;
+	/* Gyroscope full scale: 125, 250, 500, 1000, 2000. [dps] */
+	uint16_t gyro_fs_dps;
+	/* Stillness after which the sensor rests; 65535: never. [s] */
+	uint16_t rest_s;
+};
+
+static inline size_t wire_imu_setup_put(uint8_t *buf, const struct wire_imu_setup *m)
+{
+	wire_put_f32(buf + WIRE_IMU_SETUP_ODR_HZ_OFFSET, m->odr_hz);
+	wire_put_u8(buf + WIRE_IMU_SETUP_ACCEL_FS_G_OFFSET, m->accel_fs_g);
+	wire_put_u16(buf + WIRE_IMU_SETUP_GYRO_FS_DPS_OFFSET, m->gyro_fs_dps);
+	wire_put_u16(buf + WIRE_IMU_SETUP_REST_S_OFFSET, m->rest_s);
+	return WIRE_IMU_SETUP_SIZE;
+}
+
+static inline bool wire_imu_setup_get(struct wire_imu_setup *m, const uint8_t *buf,
+					size_t len)
+{
+	if (len != WIRE_IMU_SETUP_SIZE) {
+		return false;
+	}
+	m->odr_hz = wire_get_f32(buf + WIRE_IMU_SETUP_ODR_HZ_OFFSET);
+	m->accel_fs_g = wire_get_u8(buf + WIRE_IMU_SETUP_ACCEL_FS_G_OFFSET);
+	m->gyro_fs_dps = wire_get_u16(buf + WIRE_IMU_SETUP_GYRO_FS_DPS_OFFSET);
+	m->rest_s = wire_get_u16(buf + WIRE_IMU_SETUP_REST_S_OFFSET);
+	return true;
+}
+
+/* Host to node: end the BLE connection; the nodes then connect anew by themselves. */
+#define WIRE_LINK_DROP_ID 15u
+#define WIRE_LINK_DROP_SIZE 2u
+#define WIRE_LINK_DROP_HOLD_MS_OFFSET 0u
+
+struct wire_link_drop {
+	/* How long this node stays away from the radio first. [ms] */
+	uint16_t hold_ms;
+};
+
+static inline size_t wire_link_drop_put(uint8_t *buf, const struct wire_link_drop *m)
+{
+	wire_put_u16(buf + WIRE_LINK_DROP_HOLD_MS_OFFSET, m->hold_ms);
+	return WIRE_LINK_DROP_SIZE;
+}
+
+static inline bool wire_link_drop_get(struct wire_link_drop *m, const uint8_t *buf,
+					size_t len)
+{
+	if (len != WIRE_LINK_DROP_SIZE) {
+		return false;
+	}
+	m->hold_ms = wire_get_u16(buf + WIRE_LINK_DROP_HOLD_MS_OFFSET);
 	return true;
 }
 

@@ -16,6 +16,8 @@
 	X(attitude, ATTITUDE)                                                                      \
 	X(cal_status, CAL_STATUS)                                                                  \
 	X(system, SYSTEM)                                                                          \
-	X(fault, FAULT)
+	X(fault, FAULT)                                                                            \
+	X(imu_setup, IMU_SETUP)                                                                    \
+	X(link_drop, LINK_DROP)
 
 #endif /* MESSAGES_H_ */
