@@ -77,8 +77,12 @@ int link_role_seek(void)
 
 int link_role_setup(struct bt_conn *conn)
 {
-	ARG_UNUSED(conn);
-	return k_sem_take(&subscribed, SUBSCRIBE_TIMEOUT);
+	int err = k_sem_take(&subscribed, SUBSCRIBE_TIMEOUT);
+
+	/* Each side grants only what it receives. Without this the follower, whose batches are long,
+	 * would send them in pieces of 27 bytes. The leader's own procedures are over by now.
+	 */
+	return err ? err : bt_conn_le_data_len_update(conn, BT_LE_DATA_LEN_PARAM_MAX);
 }
 
 int link_role_transmit(struct bt_conn *conn, const uint8_t *value, uint16_t len)
