@@ -18,7 +18,9 @@ help:
 	@echo "make sim      build the firmware and run the suite live on the simulated radio"
 	@echo "make clean    remove what the build made"
 
-$(VENV)/ready: pyproject.toml ci/debian-packages ci/packages.txt
+CORE := $(wildcard hil/core/CMakeLists.txt hil/core/*.cpp firmware/lib/estimator/*.?pp)
+
+$(VENV)/ready: pyproject.toml ci/debian-packages ci/packages.txt $(CORE)
 	bash ci/debian-packages base
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[build,dev]'

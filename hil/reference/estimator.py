@@ -52,6 +52,7 @@ class Flag(enum.IntFlag):
     IMPACT = 4096
     GAP = 8192
     BOUND = 16384
+    FOLLOWER_REFUSED = 32768
 
 
 @dataclass(frozen=True)
@@ -98,6 +99,15 @@ class Output:
     flags: Flag
     q_madgwick: FloatArray
     divergence_rad: float
+
+
+def _finite(sample: Sample) -> bool:
+    return bool(
+        math.isfinite(sample.t_s)
+        and np.isfinite(sample.accel_mps2).all()
+        and np.isfinite(sample.gyro_radps).all()
+        and math.isfinite(sample.t_sigma_s)
+    )
 
 
 @dataclass
@@ -179,11 +189,16 @@ class Estimator:
     def step(self, leader: Sample, followers: Sequence[Sample] = ()) -> Output | None:
         """One leader sample and the follower samples that arrived since the last.
 
+        A follower sample that is not finite, not later than the one before, or more than
+        ``MAX_GAP_S`` ahead of the leader is left out and flagged: one bad packet must not cost
+        the leader's own step.
+
         Returns:
             The estimate, or ``None`` while aligning.
 
         Raises:
-            ValueError: leader time does not increase, or too many follower samples at once.
+            ValueError: a leader value is not finite, leader time does not increase, or there
+                are too many follower samples at once. The state is what it was before.
         """
         p = self.params
         if len(followers) > MAX_FOLLOWER_SAMPLES:
@@ -191,10 +206,15 @@ class Estimator:
                 f"{len(followers)} follower samples on one step: give at most "
                 f"{MAX_FOLLOWER_SAMPLES}, and the rest on the next steps"
             )
+        if not _finite(leader):
+            raise ValueError(f"leader sample at {leader.t_s} s is not finite: leave it out")
+        if leader.t_s - self.leader.delay_s <= self.t_last_s:
+            raise ValueError(
+                f"leader time {leader.t_s - self.leader.delay_s} s does not follow "
+                f"{self.t_last_s} s"
+            )
         t, force, rate, clipped = self.leader(leader)
-        if t <= self.t_last_s:
-            raise ValueError(f"leader time {t} s does not follow {self.t_last_s} s")
-        self._take_followers(followers)
+        refused = self._take_followers(followers, leader.t_s)
         if not self.aligned:
             self._align(t, force, rate)
             self.t_last_s, self.force_last, self.rate_last = t, force, rate
@@ -203,7 +223,7 @@ class Estimator:
         dt = t - self.t_last_s
         turn = 0.5 * (self.rate_last + rate)
         flags, extra = self._inflation(force, turn, dt, clipped)
-        flags |= Flag.ALIGNED
+        flags |= Flag.ALIGNED | refused
         self.a_world = predict(
             p, self.nav, a_before=self.a_world, force=force, rate=turn, dt=dt, extra=extra
         )
@@ -231,7 +251,9 @@ class Estimator:
         v_centre, h_centre = self._centre(rate)
         if p.round_trip and round_trip.boundary(p, self.trip, t, h_centre, float(v_centre[2])):
             flags |= self._round_trip(t)
-        if p.bound_period_s > 0.0 and t - self.t_bound_s >= p.bound_period_s:
+        # Half a sample of room: where the rate divides the period, rounding must not decide.
+        due_s = p.bound_period_s - 0.5 * p.dt_s
+        if p.bound_period_s > 0.0 and t - self.t_bound_s >= due_s:
             self.t_bound_s = t
             flags |= self._bound()
         self.steps += 1
@@ -308,8 +330,16 @@ class Estimator:
 
     # Front end -------------------------------------------------------------------------------
 
-    def _take_followers(self, followers: Sequence[Sample]) -> None:
+    def _take_followers(self, followers: Sequence[Sample], now_s: float) -> Flag:
+        flags = Flag(0)
         for sample in followers:
+            if (
+                not _finite(sample)
+                or sample.t_s > now_s + MAX_GAP_S
+                or sample.t_s - self.follower.delay_s <= self.t_follower_s
+            ):
+                flags |= Flag.FOLLOWER_REFUSED
+                continue
             t, force, rate, clipped = self.follower(sample)
             self.t_follower_s = t
             self.detector.follower.push(force, rate)
@@ -318,6 +348,7 @@ class Estimator:
                 self.alignment.follower_rate += rate
             elif not clipped:
                 self.waiting.append(rigid_body.Arrival(t, force, rate, sample.t_sigma_s))
+        return flags
 
     def _align(self, t: float, force: FloatArray, rate: FloatArray) -> None:
         """Attitude from the mean force, gyroscope bias from the mean rate if all is still."""
@@ -330,7 +361,8 @@ class Estimator:
         a.force2 += float(force @ force)
         a.rate2 += float(rate @ rate)
         self.detector.leader.push(force, rate)
-        if t - a.t_first_s < p.align_s:
+        # Half a sample of room: where the rate divides the span, rounding must not decide.
+        if t - a.t_first_s < p.align_s - 0.5 * p.dt_s:
             return
         f, w = a.force / a.count, a.rate / a.count
         still = (
@@ -351,6 +383,7 @@ class Estimator:
                 self.detector.gyro_bias_follower = a.follower_rate / a.follower_count
         self._correlate_tilt(still)
         self.a_world = n.R @ f - np.array([0.0, 0.0, p.gravity_mps2])
+        self.t_bound_s = t
         self.aligned = True
 
     def _correlate_tilt(self, still: bool) -> None:
@@ -486,7 +519,6 @@ class Estimator:
             round_trip.add_anchor(p, n, trip)
             return Flag.ANCHOR
         if self._gated(*round_trip.measurement(p, n, trip, anchor, t), p.round_trip_gate):
-            trip.t_return_s = trip.t_cross_s
             return Flag.ROUND_TRIP
         return Flag.ROUND_TRIP_GATED
 

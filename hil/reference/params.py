@@ -94,7 +94,6 @@ class Params:
     height_lost_m: float = 0.4  # height less certain than this: anchors mean nothing any more
     height_far_m: float = 0.35  # in doubt, further off than this is another turning point
     doubt_gate: float = 4.0
-    doubt_age_s: float = 4.0  # only a slow repetition may leave the height in doubt
     height_doubt_m: float = 0.08  # added spread while turns can hardly be told apart
     height_walk_m_rts: float = 1e-4
 

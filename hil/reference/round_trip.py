@@ -19,8 +19,9 @@ A boundary far from every anchor, or reached over a descent of another length (w
 and so well measured, whatever the drift), is another kind of turn (the catch, the dip, the
 floor). It becomes an anchor of its own; its variance at birth is carried in its R from then on.
 When the height is less certain than half the distance that tells turns apart, a return to the
-only anchor there is still counts if it took ``doubt_age_s`` or more, with ``height_doubt_m`` of
-spread: that is what saves a set of slow eccentrics. With several anchors, or beyond
+only anchor there is still counts, with ``height_doubt_m`` of spread added, if it is within
+``height_far_m`` and ``doubt_gate``: that is what saves a set of slow eccentrics. With several
+anchors, or beyond
 ``height_lost_m``, all are dropped.
 
 Nothing is claimed about the velocity at the crossing, which is zero by the very definition of
@@ -52,7 +53,6 @@ class RoundTrip:
     t_cross_s: float = -1.0
     h_cross_m: float = 0.0
     travel_m: float = 0.0
-    t_return_s: float = 0.0
     doubt: bool = False
     count: int = 0
     next: int = 0
@@ -129,7 +129,6 @@ def add_anchor(params: Params, nav: Nav, trip: RoundTrip) -> None:
         variance = 0.0
     else:
         variance = float(nav.P[PZ, PZ])
-    trip.t_return_s = trip.t_cross_s
     trip.anchor_m[trip.next] = trip.h_cross_m
     trip.anchor_travel_m[trip.next] = trip.travel_m
     trip.anchor_variance[trip.next] = variance

@@ -2,7 +2,9 @@
 # ruff: noqa: N803, N806 (matrices carry the capital letters of the equations)
 """Accuracy and consistency against analytic truth: run one set, then count over many.
 
-``python -m hil.reference.study --sets 200`` prints the table of docs/estimator.md, section 9.
+``python -m hil.reference.study`` prints the figures of the reference itself, at about a second a
+repetition; ``python -m hil.accuracy`` makes the table of docs/estimator.md, section 9, with the
+core.
 """
 
 from __future__ import annotations
@@ -11,6 +13,7 @@ import argparse
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -65,6 +68,11 @@ class Run:
         fired = np.array([bool(o.flags & Flag.ZUPT) for o in self.outputs])
         return int(np.sum(fired & (self.true_speed_ends_mps > STILL_SPEED_MPS)))
 
+    @property
+    def nees_mean(self) -> float:
+        """Mean NEES without the first eighth of the set."""
+        return float(self.nees[len(self.nees) // 8 :].mean())
+
 
 def feed(
     leader: ImuStream, follower: ImuStream | None, link: Link
@@ -109,14 +117,9 @@ def run_set(
     make: Callable[[Params], Estimator] = Estimator,
 ) -> Run:
     """Simulate both IMUs on ``lift``, estimate, and compare with the truth."""
-    bar = Bar()
     config = config or ImuConfig()
     params = params or Params(rate_hz=config.rate_hz)
-    leader = sample(lift.trajectory, bar, "leader", seed, config=config, spread=spread)
-    slower = ImuConfig(config.odr_hz, config.odr_error - 0.013)
-    follower = sample(
-        lift.trajectory, bar, "follower", seed, config=slower, spread=spread, t_first_s=0.0007
-    )
+    leader, follower = simulate(lift, seed, spread=spread, config=config)
     estimator = make(params)
     outputs, covariances = [], []
     for own, others in feed(leader, follower if two else None, link or Link()):
@@ -124,8 +127,32 @@ def run_set(
         if output is not None:
             outputs.append(output)
             covariances.append(estimator.nav.P.copy())
+    return score(lift, leader, params, outputs, np.array(covariances))
+
+
+def simulate(
+    lift: Lift, seed: int, *, spread: ErrorSpread = CALIBRATED, config: ImuConfig | None = None
+) -> tuple[ImuStream, ImuStream]:
+    """Streams of leader and follower; the follower's chip runs 1.3 % slower."""
+    config, bar = config or ImuConfig(), Bar()
+    slower = ImuConfig(config.odr_hz, config.odr_error - 0.013)
+    leader = sample(lift.trajectory, bar, "leader", seed, config=config, spread=spread)
+    follower = sample(
+        lift.trajectory, bar, "follower", seed, config=slower, spread=spread, t_first_s=0.0007
+    )
+    return leader, follower
+
+
+def score(
+    lift: Lift,
+    leader: ImuStream,
+    params: Params,
+    outputs: Sequence[Output],
+    covariances: FloatArray,
+) -> Run:
+    """Compare the outputs of an estimator, and P (n, 15, 15) after each, with the truth."""
+    bar = Bar()
     t = np.array([o.t_s for o in outputs])
-    P = np.array(covariances)
     motion = lift.trajectory(t)
     at_leader = at_point(motion, bar.mounts["leader"])
     at_follower = at_point(motion, bar.mounts["follower"])
@@ -136,7 +163,8 @@ def run_set(
     estimated = concentrics(t, np.array([o.centre_velocity_mps[2] for o in outputs]))
     pairs, missed, invented = match(truth(lift.trajectory), estimated)
     errors = _errors(outputs, at_leader.velocity_mps, motion.rotation, leader, params)
-    return Run(lift, t, outputs, speed, pairs, missed, invented, _nees(errors, P), P, errors)
+    nees = _nees(errors, covariances)
+    return Run(lift, t, outputs, speed, pairs, missed, invented, nees, covariances, errors)
 
 
 def _errors(
@@ -154,12 +182,14 @@ def _errors(
     e = np.zeros((n, 15))
     b_a = leader.accel_bias_mps2[-n:] @ params.rotation_leader.T
     b_g = leader.gyro_bias_radps[-n:] @ params.rotation_leader.T
-    for k, o in enumerate(outputs):
-        e[k, 3:6] = turn @ velocity[k] - o.v
-        d = (turn @ rotation[k]) @ matrix(o.q).T
-        e[k, 6:9] = 0.5 * np.array([d[2, 1] - d[1, 2], d[0, 2] - d[2, 0], d[1, 0] - d[0, 1]])
-        e[k, 9:12] = b_a[k] - o.b_a
-        e[k, 12:15] = b_g[k] - o.b_g
+    estimated = np.moveaxis(matrix(np.array([o.q for o in outputs]).T), -1, 0)
+    d = (turn @ rotation) @ np.swapaxes(estimated, 1, 2)
+    e[:, 3:6] = velocity @ turn.T - np.array([o.v for o in outputs])
+    e[:, 6:9] = 0.5 * np.stack(
+        [d[:, 2, 1] - d[:, 1, 2], d[:, 0, 2] - d[:, 2, 0], d[:, 1, 0] - d[:, 0, 1]], axis=1
+    )
+    e[:, 9:12] = b_a - np.array([o.b_a for o in outputs])
+    e[:, 12:15] = b_g - np.array([o.b_g for o in outputs])
     return e
 
 
@@ -173,6 +203,21 @@ def _nees(errors: FloatArray, P: FloatArray) -> FloatArray:
     S = P[:, index[:, None], index]
     value: FloatArray = np.einsum("ni,ni->n", e, np.linalg.solve(S, e[:, :, None])[:, :, 0])
     return value
+
+
+class Scored(Protocol):
+    """What :func:`summarise` wants to know of a set."""
+
+    @property
+    def pairs(self) -> Sequence[tuple[Concentric, Concentric]]: ...
+    @property
+    def missed(self) -> Sequence[Concentric]: ...
+    @property
+    def invented(self) -> Sequence[Concentric]: ...
+    @property
+    def false_zupt(self) -> int: ...
+    @property
+    def nees_mean(self) -> float: ...
 
 
 @dataclass(frozen=True)
@@ -195,7 +240,7 @@ class Summary:
     nees_mean: float
 
 
-def summarise(runs: Sequence[Run]) -> Summary:
+def summarise(runs: Sequence[Scored]) -> Summary:
     """Root mean square, bias and 95th percentile over every repetition of every run."""
     pairs = [pair for r in runs for pair in r.pairs]
     mean = np.array([b.mean_mps - a.mean_mps for a, b in pairs])
@@ -220,7 +265,7 @@ def summarise(runs: Sequence[Run]) -> Summary:
         float(np.percentile(np.abs(mean), 95)),
         float(np.percentile(np.abs(peak), 95)),
         sum(r.false_zupt for r in runs),
-        float(np.mean([r.nees[len(r.nees) // 8 :].mean() for r in runs])),
+        float(np.mean([r.nees_mean for r in runs])),
     )
 
 

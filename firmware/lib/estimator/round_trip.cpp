@@ -1,0 +1,141 @@
+// SPDX-License-Identifier: Apache-2.0
+#include "round_trip.hpp"
+
+#include <algorithm>
+
+namespace bv
+{
+namespace
+{
+
+/// Was the anchor reached over a descent of about the same length?
+template <class Scalar>
+bool alike(const Params<Scalar> &params, const RoundTrip<Scalar> &trip,
+	   const Anchor<Scalar> &anchor)
+{
+	const Scalar longer = std::max(trip.travel_m, anchor.travel_m);
+
+	return std::abs(trip.travel_m - anchor.travel_m) <=
+	       Scalar(0.05) + params.travel_share * longer;
+}
+
+} // namespace
+
+template <class Scalar>
+bool boundary(const Params<Scalar> &params, RoundTrip<Scalar> &trip, Ticks t_ticks, Scalar h_m,
+	      Scalar v_mps)
+{
+	bool confirmed = false;
+
+	trip.h_high_m = std::max(trip.h_high_m, h_m);
+	if (trip.h_high_m - h_m > params.turn_travel_m) {
+		trip.armed = true;
+	}
+	if (trip.armed) {
+		if (trip.v_last_mps <= 0 && v_mps > 0) {
+			const Scalar u = -trip.v_last_mps / (v_mps - trip.v_last_mps);
+
+			trip.crossed = true;
+			trip.t_before_cross_ticks = trip.t_last_ticks;
+			trip.cross_after_s = u * seconds<Scalar>(t_ticks - trip.t_last_ticks);
+			trip.h_cross_m = trip.h_last_m + u * (h_m - trip.h_last_m);
+			trip.travel_m = trip.h_high_m - trip.h_cross_m;
+		}
+		if (v_mps > params.turn_speed_mps) {
+			confirmed = trip.crossed &&
+				    trip.since_cross_s(t_ticks) <= params.turn_confirm_s;
+			trip.armed = false;
+			trip.h_high_m = h_m;
+		}
+	}
+	trip.v_last_mps = v_mps;
+	trip.h_last_m = h_m;
+	trip.t_last_ticks = t_ticks;
+	return confirmed;
+}
+
+template <class Scalar>
+int associate(const Params<Scalar> &params, const Nav<Scalar> &nav, RoundTrip<Scalar> &trip)
+{
+	const Scalar variance = nav.P(AT_PZ, AT_PZ);
+	const Scalar sigma = std::sqrt(variance);
+
+	trip.doubt = sigma > Scalar(0.5) * params.height_jump_m;
+	if (sigma > params.height_lost_m || (trip.doubt && trip.count > 1)) {
+		trip.forget_anchors();
+	}
+	if (trip.doubt && trip.count == 1) {
+		const Scalar distance = std::abs(trip.anchor[0].height_m - trip.h_cross_m);
+
+		if (!alike(params, trip, trip.anchor[0]) || distance > params.height_far_m ||
+		    square(distance) >
+			    params.doubt_gate * (variance + square(params.height_doubt_m))) {
+			trip.forget_anchors();
+		}
+		return trip.count - 1;
+	}
+
+	int best = -1;
+	Scalar best_distance = params.height_jump_m;
+
+	for (int i = 0; i < trip.count; i++) {
+		const Scalar distance = std::abs(trip.anchor[i].height_m - trip.h_cross_m);
+
+		if ((best < 0 ? distance <= best_distance : distance < best_distance) &&
+		    alike(params, trip, trip.anchor[i])) {
+			best = i;
+			best_distance = distance;
+		}
+	}
+	return best;
+}
+
+template <class Scalar>
+void add_anchor(const Params<Scalar> &params, Nav<Scalar> &nav, RoundTrip<Scalar> &trip)
+{
+	Scalar variance = nav.P(AT_PZ, AT_PZ);
+
+	if (trip.count == 0) {
+		nav.P.template block<AT_PZ, 1>(0, AT_PZ).setZero();
+		nav.P.template block<1, ERROR_STATES - AT_PZ>(AT_PZ, AT_PZ).setZero();
+		nav.P(AT_PZ, AT_PZ) = square(params.height_sigma_m);
+		variance = 0;
+	}
+	trip.anchor[trip.next] = {trip.h_cross_m, trip.travel_m, variance};
+	trip.count = std::min(trip.count + 1, MAX_ANCHORS);
+	trip.next = (trip.next + 1) % MAX_ANCHORS;
+}
+
+template <class Scalar>
+Measurement<Scalar, 1> return_measurement(const Params<Scalar> &params, const Nav<Scalar> &nav,
+					  const RoundTrip<Scalar> &trip, int i, Ticks t_ticks)
+{
+	const Vector3<Scalar> s = matrix(nav.q) * params.lever_leader_m;
+	Measurement<Scalar, 1> m;
+
+	m.row[0].add(AT_PZ, 1);
+	m.row[0].add(AT_V + 2, -trip.since_cross_s(t_ticks));
+	m.row[0].add(AT_T, -s[1]);
+	m.row[0].add(AT_T + 1, s[0]);
+	m.innovation[0] = trip.anchor[i].height_m - trip.h_cross_m;
+	m.variance[0] = square(params.height_sigma_m) + trip.anchor[i].variance;
+	if (trip.doubt) {
+		m.variance[0] += square(params.height_doubt_m);
+	}
+	return m;
+}
+
+#define BV_INSTANTIATE(Scalar)                                                                     \
+	template bool boundary(const Params<Scalar> &, RoundTrip<Scalar> &, Ticks, Scalar,         \
+			       Scalar);                                                            \
+	template int associate(const Params<Scalar> &, const Nav<Scalar> &, RoundTrip<Scalar> &);  \
+	template void add_anchor(const Params<Scalar> &, Nav<Scalar> &, RoundTrip<Scalar> &);      \
+	template Measurement<Scalar, 1> return_measurement(                                        \
+		const Params<Scalar> &, const Nav<Scalar> &, const RoundTrip<Scalar> &, int,       \
+		Ticks)
+
+BV_INSTANTIATE(float);
+BV_INSTANTIATE(double);
+#undef BV_INSTANTIATE
+
+} // namespace bv
