@@ -42,6 +42,7 @@ unit: $(VENV)/ready
 	$(BIN)/pytest tests/unit
 
 replay: $(VENV)/ready
+	$(BIN)/python -m hil.expected --check
 	$(BIN)/pytest tests/hil --hil-report build/replay
 
 sim: $(VENV)/ready

@@ -9,12 +9,12 @@ from __future__ import annotations
 
 from typing import Final
 
-from hil import imu, link, timesync
+from hil import fusion, imu, link, timesync
 from hil.measure import Measurement
 from hil.recording import Recording
 from hil.series import Series
 
-SUITES: Final = ("sync", "link", "imu", "fifo")
+SUITES: Final = ("sync", "link", "imu", "fifo", "ekf")
 
 
 def evaluate(recording: Recording) -> list[Measurement]:
@@ -30,13 +30,18 @@ def evaluate_suites(recording: Recording) -> dict[str, list[Measurement]]:
         "link": link.measure(recording, sync.conditions),
         "imu": imu.measure(recording, sync),
         "fifo": imu.measure_fifo(recording, sync),
+        "ekf": fusion.measure(recording, sync),
     }
 
 
 def series(recording: Recording) -> list[Series]:
     """What to draw of ``recording``, suite by suite."""
     sync = timesync.analyse(recording)
-    return [*timesync.series(recording, sync), *imu.series(recording, sync)]
+    return [
+        *timesync.series(recording, sync),
+        *imu.series(recording, sync),
+        *fusion.series(recording, sync),
+    ]
 
 
 def suite(recording: Recording, name: str) -> list[Measurement]:

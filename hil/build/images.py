@@ -176,6 +176,7 @@ def _describe(job: Job, lines: tuple[str, ...], before: Manifest | None) -> Mani
         },
         zephyr_version=job.workspace.version,
         zephyr_commit=job.zephyr_commit,
+        estimator_sha256=sources.estimator_hash(job.root),
         toolchain=job.toolchain.version,
         kconfig=job.kconfig,
         git=sources.git_state(job.root),

@@ -51,6 +51,7 @@ class Manifest:
         zephyr_version: e.g. ``4.1.0``.
         zephyr_commit: of Zephyr's checkout, or empty.
         toolchain: what the compiler says of itself.
+        estimator_sha256: of the estimator's sources, as the host's core knows its own.
         kconfig: overrides beside the defaults of the sources, without ``CONFIG_``.
         git: state of the checkout.
         warnings: compiler warnings in this project's own sources, one line each.
@@ -73,6 +74,7 @@ class Manifest:
     ram_bytes: int | None = None
     ram_total_bytes: int | None = None
     zephyr_commit: str = ""
+    estimator_sha256: str = ""
     kconfig: Mapping[str, Any] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     folder: Path = Path()

@@ -63,6 +63,13 @@ def build_id(root: Path, kconfig: Mapping[str, KconfigValue], zephyr_version: st
     return int.from_bytes(digest.digest()[:8], "big")
 
 
+def estimator_hash(root: Path) -> str:
+    """Hash of the estimator's sources, hexadecimal; ``hil/core/CMakeLists.txt`` has the same."""
+    files = sorted((root / "firmware" / "lib" / "estimator").glob("*.?pp"))
+    each = "".join(hashlib.sha256(path.read_bytes()).hexdigest() for path in files)
+    return hashlib.sha256(each.encode()).hexdigest()
+
+
 def inputs_hash(build_id: int, **others: str) -> str:
     """Hash of everything a finished build depends on; hexadecimal."""
     text = json.dumps({"build_id": f"{build_id:016x}", **others}, sort_keys=True)

@@ -24,6 +24,8 @@ from hil.reference.params import Params
 
 TICKS_PER_S = _core.TICKS_PER_S
 """Ticks of the leader's clock in a second."""
+ESTIMATOR_SHA256 = _core.ESTIMATOR_SHA256
+"""Hash of the sources that this core was built from."""
 MAX_FOLLOWER_SAMPLES = _core.MAX_FOLLOWER_SAMPLES
 """Most follower samples that may ride on one step."""
 

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 TICKS_PER_S: int
+ESTIMATOR_SHA256: str
 MAX_FOLLOWER_SAMPLES: int
 
 def default_params() -> dict[str, bool | int | float | list[float]]: ...

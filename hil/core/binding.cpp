@@ -444,6 +444,7 @@ template <class Scalar> void bind(nb::module_ &m, const char *name)
 NB_MODULE(_core, m)
 {
 	m.attr("TICKS_PER_S") = bv::TICKS_PER_S;
+	m.attr("ESTIMATOR_SHA256") = BV_ESTIMATOR_SHA256;
 	m.attr("MAX_FOLLOWER_SAMPLES") = bv::MAX_FOLLOWER_SAMPLES;
 	m.def("default_params", &default_params);
 	bind<float>(m, "Estimator32");

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -289,18 +288,35 @@ LIFTS: Mapping[str, Callable[..., Lift]] = {
     "spinning": spinning,
 }
 
+KNOW_RESTS = ("bench", "squat", "deadlift")
+"""Lifts that take ``rests``."""
 WITH_RESTS = ("deadlift", "bench", "squat", "snatch", "clean_and_jerk")
 TOUCH_AND_GO = ("bench", "squat", "deadlift", "touch_and_go_ten", "tilted", "slow_eccentric")
+
+
+def named(name: str, seed: int, rests: bool = False) -> Lift:
+    """A lift by its name; ``rests`` puts the bar down between repetitions.
+
+    Raises:
+        ValueError: there is none of that name, or it has no way with rests.
+    """
+    if name not in LIFTS:
+        raise ValueError(f"no lift '{name}': lifts are {', '.join(LIFTS)}")
+    if not rests:
+        return LIFTS[name](seed)
+    if name not in KNOW_RESTS:
+        raise ValueError(
+            f"the lift '{name}' has no variant with rests: leave 'rests' out, or take one of "
+            + ", ".join(KNOW_RESTS)
+        )
+    return LIFTS[name](seed, rests=True)
 
 
 def seeded_set(seed: int, rests: bool) -> Lift:
     """The ``seed``-th set of the accuracy study, with rests or touch and go."""
     names = WITH_RESTS if rests else TOUCH_AND_GO
     name = names[seed % len(names)]
-    options: dict[str, Any] = {}
-    if name in ("bench", "squat", "deadlift"):
-        options["rests"] = rests
-    return LIFTS[name](seed, **options)
+    return named(name, seed, rests and name in KNOW_RESTS)
 
 
 def _plan(seed: int, z_m: float, sway: Sway | None) -> Plan:

@@ -18,13 +18,12 @@ from hil.motion.imu_model import (
     UNCALIBRATED,
     draw_errors,
 )
-from hil.motion.lifts import LIFTS, Lift
+from hil.motion.lifts import Lift, named
 from hil.scenario import ImuScenario, Motion, Scenario
 
 POPULATIONS = {"ideal": IDEAL, "calibrated": CALIBRATED, "uncalibrated": UNCALIBRATED}
 DEFAULT_ODR_HZ = 417.0
 DEFAULT_ACCEL_FS_G = 16
-KNOW_RESTS = ("bench", "squat", "deadlift")
 
 
 def lift(motion: Motion) -> Lift:
@@ -33,16 +32,10 @@ def lift(motion: Motion) -> Lift:
     Raises:
         ScenarioError: there is none of that name, or it has no way with rests.
     """
-    if motion.lift not in LIFTS:
-        raise ScenarioError(f"no lift '{motion.lift}'", "lifts: " + ", ".join(LIFTS))
-    if not motion.rests:
-        return LIFTS[motion.lift](motion.seed)
-    if motion.lift not in KNOW_RESTS:
-        raise ScenarioError(
-            f"the lift '{motion.lift}' has no variant with rests",
-            "leave 'rests' out, or take one of: " + ", ".join(KNOW_RESTS),
-        )
-    return LIFTS[motion.lift](motion.seed, rests=True)
+    try:
+        return named(motion.lift, motion.seed, motion.rests)
+    except ValueError as error:
+        raise ScenarioError(f"[motion]: {error}") from error
 
 
 def write(path: Path, scenario: Scenario, role: str) -> None:

@@ -92,6 +92,7 @@ def _batches(
             "sample_index": i * BATCH,
             "t_first_ticks_node": int(ticks[i]),
             "period_ticks": period,
+            "t_sigma_ticks": 64,
             "temperature_cdegc": 2500,
             "count": BATCH,
             "samples": [{"gyro_lsb": s[:3], "accel_lsb": s[3:]} for s in samples[i]],

@@ -126,6 +126,7 @@ FAULT_CODES: Final[Mapping[str, int]] = {
     "link_bad_payload": 32,
     "ppi_exhausted": 33,
     "command_refused": 34,
+    "fusion_overrun": 35,
 }
 
 MESSAGES: Final[tuple[Message, ...]] = (
@@ -158,6 +159,13 @@ MESSAGES: Final[tuple[Message, ...]] = (
             Field("sample_index", "u32", "1", "Index of the first sample since the IMU started."),
             Field("t_first_ticks_node", "u64", "tick", "Time of the first sample.", clock="node"),
             Field("period_ticks", "u32", "tick", "Measured sample period.", SUBTICK, clock="node"),
+            Field(
+                "t_sigma_ticks",
+                "u16",
+                "tick",
+                "Standard error of the first sample's time; 65535: that or more.",
+                SUBTICK,
+            ),
             Field("temperature_cdegc", "i16", "degC", "Die temperature.", 0.01),
             Field("count", "u8", "1", "Samples that follow."),
         ),
@@ -307,6 +315,8 @@ MESSAGES: Final[tuple[Message, ...]] = (
             Field("nis", "f32", "1", "Normalised innovation squared of the last update."),
             Field("gate", "f32", "1", "Gate that NIS was held against."),
             Field("flags", "u16", "1", "Which updates ran and which were gated."),
+            Field("centre_velocity_mps", "f32", "m/s", "Of the bar's centre, world.", count=3),
+            Field("centre_height_m", "f32", "m", "Of the bar's centre, from the start."),
         ),
     ),
     Message(

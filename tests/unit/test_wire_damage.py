@@ -86,6 +86,7 @@ def payload_values(
             "sample_index": t_ticks >> 14,
             "t_first_ticks_node": t_ticks,
             "period_ticks": 42_279_108,
+            "t_sigma_ticks": 64,
             "temperature_cdegc": 2512,
             "samples": [
                 {

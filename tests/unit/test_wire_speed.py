@@ -82,6 +82,7 @@ def nodes_stream(count: int) -> Iterator[bytes]:
                 "sample_index": 2 * seq,
                 "t_first_ticks_node": t_ticks,
                 "period_ticks": 42_279_108,
+                "t_sigma_ticks": 64,
                 "temperature_cdegc": 2500,
                 "samples": [
                     {"gyro_lsb": gyro, "accel_lsb": accel}

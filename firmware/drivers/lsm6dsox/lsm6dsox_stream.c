@@ -76,6 +76,13 @@ static void take_sample(struct lsm6dsox_stream *s, const struct lsm6dsox_pair *p
 	s->resting = lsm6dsox_rest_push(&s->params.rest, pair);
 }
 
+static uint16_t sigma_subticks(float sigma_ticks)
+{
+	const float subticks = sigma_ticks * 256.0f;
+
+	return subticks < (float)UINT16_MAX ? (uint16_t)subticks : UINT16_MAX;
+}
+
 static void deliver_batch(struct lsm6dsox_stream *s, const struct lsm6dsox_pair *pairs, size_t count)
 {
 	struct wire_imu_batch batch = {
@@ -85,6 +92,7 @@ static void deliver_batch(struct lsm6dsox_stream *s, const struct lsm6dsox_pair 
 		.temperature_cdegc = s->temperature_cdegc,
 	};
 	const uint32_t slot = pairs[0].slot;
+	const float sigma_ticks = lsm6dsox_timing_sigma_ticks(&s->timing, slot);
 
 	if (s->rebase) {
 		s->index_base += slot - s->next_slot;
@@ -92,8 +100,8 @@ static void deliver_batch(struct lsm6dsox_stream *s, const struct lsm6dsox_pair 
 	}
 	batch.sample_index = slot - s->index_base;
 	batch.t_first_ticks_node = lsm6dsox_timing_slot_ticks(&s->timing, slot);
-	if (s->timing.edges >= EDGES_TO_SETTLE &&
-	    lsm6dsox_timing_sigma_ticks(&s->timing, slot) < HARDWARE_SIGMA_TICKS) {
+	batch.t_sigma_ticks = sigma_subticks(sigma_ticks);
+	if (s->timing.edges >= EDGES_TO_SETTLE && sigma_ticks < HARDWARE_SIGMA_TICKS) {
 		batch.flags |= WIRE_IMU_FLAG_HARDWARE_TIME;
 	}
 	if (s->overrun) {

@@ -20,10 +20,10 @@
 #include <string.h>
 
 #define WIRE_PROTOCOL_VERSION 1u
-#define WIRE_SCHEMA_HASH UINT64_C(0x0294C8E9ADDBAA9C)
+#define WIRE_SCHEMA_HASH UINT64_C(0xB730E9E8CB9DF173)
 #define WIRE_TICK_RATE_HZ 16000000u
 /* Size of the largest payload of all messages. */
-#define WIRE_MAX_PAYLOAD_SIZE 216u
+#define WIRE_MAX_PAYLOAD_SIZE 218u
 
 enum {
 	WIRE_ROLE_LEADER = 0,
@@ -63,6 +63,7 @@ enum {
 	WIRE_FAULT_CODE_LINK_BAD_PAYLOAD = 32,
 	WIRE_FAULT_CODE_PPI_EXHAUSTED = 33,
 	WIRE_FAULT_CODE_COMMAND_REFUSED = 34,
+	WIRE_FAULT_CODE_FUSION_OVERRUN = 35,
 };
 
 static inline void wire_put_u8(uint8_t *buf, uint8_t value)
@@ -238,9 +239,9 @@ static inline bool wire_hello_get(struct wire_hello *m, const uint8_t *buf,
 
 /* Consecutive samples of one IMU with the hardware time of the first. */
 #define WIRE_IMU_BATCH_ID 2u
-#define WIRE_IMU_BATCH_SIZE 24u
+#define WIRE_IMU_BATCH_SIZE 26u
 #define WIRE_IMU_BATCH_MAX_COUNT 16u
-#define WIRE_IMU_BATCH_MAX_SIZE 216u
+#define WIRE_IMU_BATCH_MAX_SIZE 218u
 #define WIRE_IMU_BATCH_SOURCE_OFFSET 0u
 #define WIRE_IMU_BATCH_FLAGS_OFFSET 1u
 #define WIRE_IMU_BATCH_ACCEL_FS_G_OFFSET 2u
@@ -249,9 +250,11 @@ static inline bool wire_hello_get(struct wire_hello *m, const uint8_t *buf,
 #define WIRE_IMU_BATCH_T_FIRST_TICKS_NODE_OFFSET 9u
 #define WIRE_IMU_BATCH_PERIOD_TICKS_OFFSET 17u
 #define WIRE_IMU_BATCH_PERIOD_TICKS_SCALE 0.00390625
-#define WIRE_IMU_BATCH_TEMPERATURE_CDEGC_OFFSET 21u
+#define WIRE_IMU_BATCH_T_SIGMA_TICKS_OFFSET 21u
+#define WIRE_IMU_BATCH_T_SIGMA_TICKS_SCALE 0.00390625
+#define WIRE_IMU_BATCH_TEMPERATURE_CDEGC_OFFSET 23u
 #define WIRE_IMU_BATCH_TEMPERATURE_CDEGC_SCALE 0.01
-#define WIRE_IMU_BATCH_COUNT_OFFSET 23u
+#define WIRE_IMU_BATCH_COUNT_OFFSET 25u
 #define WIRE_IMU_BATCH_SAMPLES_SIZE 12u
 #define WIRE_IMU_BATCH_SAMPLES_GYRO_LSB_OFFSET 0u
 #define WIRE_IMU_BATCH_SAMPLES_GYRO_LSB_COUNT 3u
@@ -280,6 +283,8 @@ struct wire_imu_batch {
 	uint64_t t_first_ticks_node;
 	/* Measured sample period. [0.00390625 tick, node clock] */
 	uint32_t period_ticks;
+	/* Standard error of the first sample's time; 65535: that or more. [0.00390625 tick] */
+	uint16_t t_sigma_ticks;
 	/* Die temperature. [0.01 degC] */
 	int16_t temperature_cdegc;
 	/* Samples that follow. [1] */
@@ -299,6 +304,7 @@ static inline size_t wire_imu_batch_put(uint8_t *buf, const struct wire_imu_batc
 	wire_put_u32(buf + WIRE_IMU_BATCH_SAMPLE_INDEX_OFFSET, m->sample_index);
 	wire_put_u64(buf + WIRE_IMU_BATCH_T_FIRST_TICKS_NODE_OFFSET, m->t_first_ticks_node);
 	wire_put_u32(buf + WIRE_IMU_BATCH_PERIOD_TICKS_OFFSET, m->period_ticks);
+	wire_put_u16(buf + WIRE_IMU_BATCH_T_SIGMA_TICKS_OFFSET, m->t_sigma_ticks);
 	wire_put_i16(buf + WIRE_IMU_BATCH_TEMPERATURE_CDEGC_OFFSET, m->temperature_cdegc);
 	wire_put_u8(buf + WIRE_IMU_BATCH_COUNT_OFFSET, m->count);
 	for (size_t r = 0; r < m->count; r++) {
@@ -329,6 +335,7 @@ static inline bool wire_imu_batch_get(struct wire_imu_batch *m, const uint8_t *b
 	m->sample_index = wire_get_u32(buf + WIRE_IMU_BATCH_SAMPLE_INDEX_OFFSET);
 	m->t_first_ticks_node = wire_get_u64(buf + WIRE_IMU_BATCH_T_FIRST_TICKS_NODE_OFFSET);
 	m->period_ticks = wire_get_u32(buf + WIRE_IMU_BATCH_PERIOD_TICKS_OFFSET);
+	m->t_sigma_ticks = wire_get_u16(buf + WIRE_IMU_BATCH_T_SIGMA_TICKS_OFFSET);
 	m->temperature_cdegc = wire_get_i16(buf + WIRE_IMU_BATCH_TEMPERATURE_CDEGC_OFFSET);
 	m->count = wire_get_u8(buf + WIRE_IMU_BATCH_COUNT_OFFSET);
 	if (m->count > WIRE_IMU_BATCH_MAX_COUNT ||
@@ -797,7 +804,7 @@ static inline bool wire_link_stats_get(struct wire_link_stats *m, const uint8_t 
 
 /* State of the estimator after one step. */
 #define WIRE_EKF_STATE_ID 9u
-#define WIRE_EKF_STATE_SIZE 158u
+#define WIRE_EKF_STATE_SIZE 174u
 #define WIRE_EKF_STATE_T_TICKS_LEADER_OFFSET 0u
 #define WIRE_EKF_STATE_STEP_OFFSET 8u
 #define WIRE_EKF_STATE_POSITION_M_OFFSET 12u
@@ -817,6 +824,9 @@ static inline bool wire_link_stats_get(struct wire_link_stats *m, const uint8_t 
 #define WIRE_EKF_STATE_NIS_OFFSET 148u
 #define WIRE_EKF_STATE_GATE_OFFSET 152u
 #define WIRE_EKF_STATE_FLAGS_OFFSET 156u
+#define WIRE_EKF_STATE_CENTRE_VELOCITY_MPS_OFFSET 158u
+#define WIRE_EKF_STATE_CENTRE_VELOCITY_MPS_COUNT 3u
+#define WIRE_EKF_STATE_CENTRE_HEIGHT_M_OFFSET 170u
 
 struct wire_ekf_state {
 	/* Time of the state. [tick, leader clock] */
@@ -843,6 +853,10 @@ struct wire_ekf_state {
 	float gate;
 	/* Which updates ran and which were gated. [1] */
 	uint16_t flags;
+	/* Of the bar's centre, world. [m/s] */
+	float centre_velocity_mps[3];
+	/* Of the bar's centre, from the start. [m] */
+	float centre_height_m;
 };
 
 static inline size_t wire_ekf_state_put(uint8_t *buf, const struct wire_ekf_state *m)
@@ -875,6 +889,11 @@ static inline size_t wire_ekf_state_put(uint8_t *buf, const struct wire_ekf_stat
 	wire_put_f32(buf + WIRE_EKF_STATE_NIS_OFFSET, m->nis);
 	wire_put_f32(buf + WIRE_EKF_STATE_GATE_OFFSET, m->gate);
 	wire_put_u16(buf + WIRE_EKF_STATE_FLAGS_OFFSET, m->flags);
+	for (size_t i = 0; i < WIRE_EKF_STATE_CENTRE_VELOCITY_MPS_COUNT; i++) {
+		wire_put_f32(buf + WIRE_EKF_STATE_CENTRE_VELOCITY_MPS_OFFSET + 4u * i,
+		    m->centre_velocity_mps[i]);
+	}
+	wire_put_f32(buf + WIRE_EKF_STATE_CENTRE_HEIGHT_M_OFFSET, m->centre_height_m);
 	return WIRE_EKF_STATE_SIZE;
 }
 
@@ -913,6 +932,11 @@ static inline bool wire_ekf_state_get(struct wire_ekf_state *m, const uint8_t *b
 	m->nis = wire_get_f32(buf + WIRE_EKF_STATE_NIS_OFFSET);
 	m->gate = wire_get_f32(buf + WIRE_EKF_STATE_GATE_OFFSET);
 	m->flags = wire_get_u16(buf + WIRE_EKF_STATE_FLAGS_OFFSET);
+	for (size_t i = 0; i < WIRE_EKF_STATE_CENTRE_VELOCITY_MPS_COUNT; i++) {
+		m->centre_velocity_mps[i] =
+		    wire_get_f32(buf + WIRE_EKF_STATE_CENTRE_VELOCITY_MPS_OFFSET + 4u * i);
+	}
+	m->centre_height_m = wire_get_f32(buf + WIRE_EKF_STATE_CENTRE_HEIGHT_M_OFFSET);
 	return true;
 }
 

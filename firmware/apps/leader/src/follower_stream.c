@@ -3,7 +3,7 @@
 
 #include <zephyr/kernel.h>
 
-#include "node.h"
+#include "fusion_task.h"
 #include "sync_math.h"
 #include "sync_task.h"
 #include "sync_timer.h"
@@ -31,8 +31,29 @@ static void count_gap(const struct wire_imu_batch *batch)
 	received++;
 }
 
+/* What the clock model adds to the follower's own uncertainty, the larger of both at least. */
+static uint16_t sigma_at_leader(uint16_t own_subticks)
+{
+	struct wire_sync_state state;
+	uint64_t square;
+	uint32_t root = 0;
+
+	sync_task_last_state(&state);
+	square = (uint64_t)own_subticks * own_subticks +
+		 (uint64_t)MIN(state.offset_sigma_ticks, UINT16_MAX) *
+			 MIN(state.offset_sigma_ticks, UINT16_MAX);
+	/* Bit by bit: there is no 64-bit root without the floating-point library. */
+	for (uint32_t bit = 1U << 16; bit != 0U; bit >>= 1) {
+		const uint64_t larger = root | bit;
+
+		root = larger * larger <= square ? (uint32_t)larger : root;
+	}
+	return (uint16_t)MIN(root, UINT16_MAX);
+}
+
 static void convert(const struct sync_model *model, struct wire_imu_batch *batch)
 {
+	batch->t_sigma_ticks = sigma_at_leader(batch->t_sigma_ticks);
 	batch->t_first_ticks_node = sync_model_to_leader(model, batch->t_first_ticks_node);
 	batch->period_ticks = sync_model_period_to_leader(model, batch->period_ticks);
 }
@@ -74,7 +95,7 @@ bool follower_stream_take(const uint8_t *payload, size_t len)
 			return false;
 		}
 		late += age_ticks(&batch) > LATE_TICKS ? 1U : 0U;
-		node_send_batch(&batch);
+		fusion_take(&batch);
 	}
 	count_gap(&batch);
 	return true;

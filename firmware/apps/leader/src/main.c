@@ -7,6 +7,7 @@
 
 #include "diag_csv.h"
 #include "follower_stream.h"
+#include "fusion_task.h"
 #include "link.h"
 #include "node.h"
 #include "peer.h"
@@ -26,7 +27,7 @@ static void on_batch(const struct wire_imu_batch *batch)
 	struct wire_imu_batch own = *batch;
 
 	own.source = WIRE_ROLE_LEADER;
-	node_send_batch(&own);
+	fusion_take(&own);
 	diag_csv_imu(&own);
 }
 

@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: Apache-2.0
+"""What the leader's estimator was fed, from the leader's own serial stream.
+
+The leader gives each IMU batch to the estimator and to the line in the same order, so the stream
+says which follower samples had arrived at each step. Units are made in float, with the very
+operations of ``firmware/lib/fusion``: the host's core then comes to the same bits.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hil.core import MAX_FOLLOWER_SAMPLES, Samples
+from hil.parity import Batch
+from hil.recording import Recording
+from hil.streams import ROLES, frames, rows
+from hil.wire.messages import TICK_RATE_HZ
+
+ACCEL_MPS2_PER_LSB_PER_G: Final = 3.05e-5 * 9.80665
+GYRO_RADPS_PER_LSB_PER_DPS: Final = 3.5e-5 * (np.pi / 180.0)
+"""LSM6DSOX: 30.5 ug and 35 udps a count, per unit of full scale (datasheet, table 2)."""
+CLIPPED_LSB: Final = 32700
+GAP_MAX_TICKS: Final = TICK_RATE_HZ // 4
+"""After a longer pause of the leader's samples the estimator levels and begins again."""
+SUBTICKS_PER_TICK: Final = 256
+WAITING_MAX: Final = 4 * MAX_FOLLOWER_SAMPLES
+"""Follower samples that may wait for the next step; the oldest are dropped beyond."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """One start of the estimator: its inputs, the rate that it was started with, its place.
+
+    Attributes:
+        samples: what it was fed.
+        rate_hz: of the leader's IMU, from the first batch, as a float32 holds it.
+        begin, end: byte offsets in the leader's stream from the first batch to the next start.
+    """
+
+    samples: Batch
+    rate_hz: float
+    begin: int
+    end: int
+
+
+def runs(recording: Recording) -> list[Run]:
+    """Every start of the leader's estimator, in order of time."""
+    sent = frames(recording, "leader", "imu_batch")
+    if sent.size == 0:
+        return []
+    raw = rows(recording, "leader", "imu_batch")
+    begins = np.searchsorted(raw["row"], np.arange(len(sent) + 1))
+    own = np.flatnonzero(sent["source"] == ROLES.index("leader"))
+    first = sent["sample_index"][own].astype(np.int64)
+    next_index = first + sent["count"][own]
+    t_first = sent["t_first_ticks_node"][own].astype(np.int64)
+    span = (sent["count"][own].astype(np.int64) - 1) * sent["period_ticks"][own].astype(np.int64)
+    t_last = t_first + (span + SUBTICKS_PER_TICK // 2) // SUBTICKS_PER_TICK
+    anew = (first[1:] < next_index[:-1]) | (t_first[1:] - t_last[:-1] > GAP_MAX_TICKS)
+    starts = own[np.concatenate([[True], anew])] if own.size else own
+    bounds = [*starts.tolist(), len(sent)]
+    return [_run(sent[a:b], raw[begins[a] : begins[b]], _end(sent, b)) for a, b in pairwise(bounds)]
+
+
+def _end(sent: NDArray[Any], row: int) -> int:
+    return int(sent["offset"][row]) if row < len(sent) else int(np.iinfo(np.int64).max)
+
+
+def _run(sent: NDArray[Any], raw: NDArray[Any], end: int) -> Run:
+    count = sent["count"].astype(np.int64)
+    within = np.arange(len(raw)) - np.repeat(np.cumsum(count) - count, count)
+    batch = np.repeat(np.arange(len(sent)), count)
+    everything = _samples(sent[batch], raw, within)
+    is_own = sent["source"][batch] == ROLES.index("leader")
+    rides = np.flatnonzero(~is_own)
+    kept, step = arrivals(is_own)
+    period = np.float32(sent["period_ticks"][0])
+    return Run(
+        Batch(_take(everything, np.flatnonzero(is_own)), _take(everything, rides[kept]), step),
+        float(np.float32(SUBTICKS_PER_TICK * TICK_RATE_HZ) / period),
+        int(sent["offset"][0]),
+        end,
+    )
+
+
+def first_steps(run: Run, steps: int) -> Run:
+    """``run`` cut after its first ``steps`` leader samples."""
+    fed = run.samples
+    rides = int(np.searchsorted(fed.arrival, steps))
+    leader = _take(fed.leader, np.arange(min(steps, len(fed.leader.t_ticks))))
+    follower = _take(fed.follower, np.arange(rides))
+    return replace(run, samples=Batch(leader, follower, fed.arrival[:rides]))
+
+
+def arrivals(is_own: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Which follower samples ride on which step, as ``Fusion::step`` has it.
+
+    Args:
+        is_own: (n,) samples in the order of the stream; True for the leader's.
+
+    Returns:
+        (kept, step): numbers of the follower samples that ride at all, and the leader sample on
+        which each does. Samples after the last step ride on none.
+    """
+    kept: list[int] = []
+    step: list[int] = []
+    waiting: list[int] = []
+    steps = followers = 0
+    for own in is_own.tolist():
+        if not own:
+            waiting.append(followers)
+            followers += 1
+            if len(waiting) > WAITING_MAX:
+                waiting.pop(0)
+            continue
+        if waiting:
+            now, waiting = waiting[:MAX_FOLLOWER_SAMPLES], waiting[MAX_FOLLOWER_SAMPLES:]
+            kept += now
+            step += [steps] * len(now)
+        steps += 1
+    return np.array(kept, dtype=np.int64), np.array(step, dtype=np.int64)
+
+
+def _samples(sent: NDArray[Any], raw: NDArray[Any], within: NDArray[np.int64]) -> Samples:
+    since = within * sent["period_ticks"].astype(np.int64)
+    lsb = {name: raw[name].astype(np.float32) for name in ("accel_lsb", "gyro_lsb")}
+    accel = (sent["accel_fs_g"] * ACCEL_MPS2_PER_LSB_PER_G).astype(np.float32)
+    gyro = (sent["gyro_fs_dps"] * GYRO_RADPS_PER_LSB_PER_DPS).astype(np.float32)
+    far = np.maximum(np.abs(lsb["accel_lsb"]), np.abs(lsb["gyro_lsb"])).max(axis=1, initial=0)
+    sigma = np.float32(1.0 / (SUBTICKS_PER_TICK * TICK_RATE_HZ))
+    return Samples(
+        sent["t_first_ticks_node"].astype(np.int64)
+        + ((since + SUBTICKS_PER_TICK // 2) // SUBTICKS_PER_TICK),
+        (lsb["accel_lsb"] * accel[:, np.newaxis]).astype(np.float64),
+        (lsb["gyro_lsb"] * gyro[:, np.newaxis]).astype(np.float64),
+        far >= CLIPPED_LSB,
+        (sent["t_sigma_ticks"].astype(np.float32) * sigma).astype(np.float64),
+    )
+
+
+def _take(samples: Samples, at: NDArray[np.int64]) -> Samples:
+    t, accel, gyro, clipped, sigma = samples.columns()
+    return Samples(t[at], accel[at], gyro[at], clipped[at], sigma[at])
