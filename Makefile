@@ -39,7 +39,7 @@ lint: $(VENV)/ready
 
 unit: $(VENV)/ready
 	bash ci/debian-packages test
-	$(BIN)/pytest tests/unit
+	$(BIN)/pytest tests/unit -n 2 --dist loadfile
 
 replay: $(VENV)/ready
 	$(BIN)/python -m hil.expected --check

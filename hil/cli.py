@@ -156,6 +156,45 @@ def report(
         raise typer.Exit(1)
 
 
+@app.command()
+def pil(
+    inputs: Annotated[
+        list[str] | None,
+        typer.Argument(help="Recordings, or names of simulated lifts (default: bench deadlift)."),
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Of chips, noise and motion.")] = 3,
+    batch: Annotated[
+        int, typer.Option(min=1, max=16, help="Follower samples that arrive at once.")
+    ] = 4,
+) -> None:
+    """Run the estimator on an emulated Cortex-M4F: equal bits, instructions, load, stack.
+
+    Exit 1 when a check fails.
+
+    Example: [bold]hil pil snatch fixtures/recordings/clean-7ms5[/bold]
+    """
+    from hil import pil as processor  # noqa: PLC0415
+    from hil.pil import show  # noqa: PLC0415
+    from hil.report import terminal  # noqa: PLC0415
+
+    names = inputs or ["bench", "deadlift"]
+    sound = True
+    with _progress("building for the Cortex-M4F") as progress:
+        image = processor.build(progress=progress)
+    for name in names:
+        with _progress(name) as progress:
+            if Path(name).exists():
+                samples, params = processor.recorded(Path(name))
+            else:
+                samples, params = processor.simulated(name, seed, batch_samples=batch), None
+            found = processor.assess(image, samples, params, progress=progress)
+        judged = processor.measurements(found)
+        show.render(name, found, judged, terminal.console())
+        sound = sound and all(one.verdict.ok for one in judged)
+    if not sound:
+        raise typer.Exit(1)
+
+
 def _load(paths: list[Path]) -> Iterator[tuple[Path, Recording]]:
     from hil import library  # noqa: PLC0415
     from hil.recording import load  # noqa: PLC0415

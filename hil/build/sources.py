@@ -13,7 +13,7 @@ from hil.errors import BuildError
 from hil.process import capture
 
 SOURCE_FOLDERS = ("firmware", "boards")
-IGNORED_PARTS = ("tests", "build", "__pycache__")
+IGNORED_PARTS = ("tests", "pil", "build", "__pycache__")
 IGNORED_SUFFIXES = (".md", ".toml", ".orig", ".rej", ".swp")
 
 KconfigValue = int | str | bool

@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.core import MAX_FOLLOWER_SAMPLES, Samples
+from hil.core import Samples
 from hil.parity import Batch
 from hil.recording import Recording
 from hil.streams import ROLES, frames, rows
@@ -28,7 +28,9 @@ CLIPPED_LSB: Final = 32700
 GAP_MAX_TICKS: Final = TICK_RATE_HZ // 4
 """After a longer pause of the leader's samples the estimator levels and begins again."""
 SUBTICKS_PER_TICK: Final = 256
-WAITING_MAX: Final = 4 * MAX_FOLLOWER_SAMPLES
+RIDES_MAX: Final = 4
+"""Most follower samples on one step."""
+WAITING_MAX: Final = 64
 """Follower samples that may wait for the next step; the oldest are dropped beyond."""
 
 
@@ -119,7 +121,7 @@ def arrivals(is_own: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.i
                 waiting.pop(0)
             continue
         if waiting:
-            now, waiting = waiting[:MAX_FOLLOWER_SAMPLES], waiting[MAX_FOLLOWER_SAMPLES:]
+            now, waiting = waiting[:RIDES_MAX], waiting[RIDES_MAX:]
             kept += now
             step += [steps] * len(now)
         steps += 1

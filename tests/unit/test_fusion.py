@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hil import expected, fusion, timesync
-from hil.core import ESTIMATOR_SHA256, MAX_FOLLOWER_SAMPLES
+from hil.core import ESTIMATOR_SHA256
 from hil.fusion import inputs, measures, replay
 from hil.measure import Measurement, Verdict
 from hil.motion.imu_model import ImuStream
@@ -148,7 +148,8 @@ def test_samples_come_in_the_units_and_at_the_times_of_the_batches() -> None:
     assert run.samples.follower.t_sigma_s is not None
     assert run.samples.follower.t_sigma_s[0] == pytest.approx(300 / 256 / 16e6)
     # A batch of the follower's is in the stream just before the leader's of its turn.
-    assert run.samples.arrival[:9].tolist() == [LATE * BATCH] * 8 + [(LATE + 1) * BATCH]
+    first = LATE * BATCH
+    assert run.samples.arrival[:9].tolist() == [first] * 4 + [first + 1] * 4 + [first + BATCH]
 
 
 def test_a_new_start_begins_a_new_run() -> None:
@@ -173,11 +174,11 @@ def test_no_batches_no_runs() -> None:
 
 @given(st.lists(st.booleans(), max_size=400))
 def test_who_rides_with_whom(is_own: list[bool]) -> None:
-    """Oldest first, at most sixteen a step, none twice, none before it has come."""
+    """Oldest first, at most four a step, none twice, none before it has come."""
     kept, step = inputs.arrivals(np.array(is_own, dtype=bool))
     assert np.all(np.diff(kept) > 0)
     assert np.all(np.diff(step) >= 0)
-    assert np.all(np.bincount(step, minlength=1) <= MAX_FOLLOWER_SAMPLES)
+    assert np.all(np.bincount(step, minlength=1) <= inputs.RIDES_MAX)
     own_before = np.cumsum(is_own)
     came_at = np.flatnonzero(~np.array(is_own, dtype=bool))
     assert all(step[i] >= own_before[came_at[k]] for i, k in enumerate(kept))
@@ -186,8 +187,8 @@ def test_who_rides_with_whom(is_own: list[bool]) -> None:
 def test_the_oldest_are_dropped_when_too_many_wait() -> None:
     is_own = np.array([False] * 70 + [True] * 10)
     kept, step = inputs.arrivals(is_own)
-    assert kept.tolist() == list(range(6, 70))
-    assert step.tolist() == [k // 16 for k in range(64)]
+    assert kept.tolist() == list(range(6, 46))
+    assert step[:40].tolist() == [k // 4 for k in range(40)]
 
 
 # --- frames, bit by bit ---------------------------------------------------------------------

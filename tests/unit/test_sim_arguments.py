@@ -132,7 +132,7 @@ def test_the_simulator_gets_the_very_numbers_of_the_clock_model() -> None:
 def test_every_scenario_of_this_project_can_be_run(path: Path) -> None:
     plan = scenario.load(path)
     assert plan.name == path.stem
-    assert plan.duration_s >= 60
+    assert plan.duration_s >= 20, "the clocks settle within 5 s, and the rest is judged"
     drifts = {role: plan.node(role).drift_ppm for role in arguments.DEVICES}
     assert drifts == {"leader": 13.7, "follower": -31.1}
     offsets = {plan.node(role).start_offset_us for role in arguments.DEVICES}

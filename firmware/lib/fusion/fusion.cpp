@@ -80,7 +80,7 @@ void Fusion::take(const wire_imu_batch &batch)
 {
 	if (batch.source != WIRE_ROLE_LEADER) {
 		for (unsigned int i = 0; i < batch.count; i++) {
-			dropped_ += waiting_.size() == 4 * MAX_FOLLOWER_SAMPLES ? 1U : 0U;
+			dropped_ += waiting_.size() == WAITING_MAX ? 1U : 0U;
 			waiting_.push(sample_of(batch, i));
 		}
 		return;
@@ -100,11 +100,11 @@ void Fusion::take(const wire_imu_batch &batch)
 
 void Fusion::step(const Sample<float> &sample)
 {
-	Sample<float> arrived[MAX_FOLLOWER_SAMPLES];
+	Sample<float> arrived[RIDES_MAX];
 	Output<float> output;
 	int count = 0;
 
-	while (count < MAX_FOLLOWER_SAMPLES && !waiting_.empty()) {
+	while (count < RIDES_MAX && !waiting_.empty()) {
 		arrived[count++] = waiting_[0];
 		waiting_.pop();
 	}

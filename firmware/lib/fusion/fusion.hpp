@@ -2,7 +2,8 @@
 /// From IMU batches to steps of the estimator: units, times, and who rides with whom. No Zephyr.
 ///
 /// Each sample of the leader is one step. The follower's samples wait until then, and go along
-/// oldest first, at most MAX_FOLLOWER_SAMPLES on one step.
+/// oldest first, at most RIDES_MAX on one step: each costs some 1,000 instructions, and a whole
+/// batch on one step would make it twice as long as any other.
 #ifndef BV_FUSION_HPP_
 #define BV_FUSION_HPP_
 
@@ -12,6 +13,9 @@
 
 namespace bv
 {
+
+constexpr int RIDES_MAX = 4;
+constexpr int WAITING_MAX = 64;
 
 class Fusion
 {
@@ -45,7 +49,7 @@ private:
 	Sink sink_;
 	void *context_;
 	Estimator<float> estimator_;
-	Ring<Sample<float>, 4 * MAX_FOLLOWER_SAMPLES> waiting_;
+	Ring<Sample<float>, WAITING_MAX> waiting_;
 	bool started_ = false;
 	std::uint32_t next_index_ = 0;
 	Ticks t_last_ticks_ = 0;
