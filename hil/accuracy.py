@@ -2,7 +2,7 @@
 """Accuracy and consistency of the core over many seeded sets, in all processors at once.
 
 ``python -m hil.accuracy --sets 200`` prints the table of docs/estimator.md, section 9: one line
-per lift and one for each of the two kinds of set.
+per lift and one for each of the two kinds of set. It ends with 1 where a limit is not kept.
 """
 
 from __future__ import annotations
@@ -37,6 +37,48 @@ class Score:
     invented: Sequence[Concentric]
     false_zupt: int
     nees_mean: float
+    nees_above: float
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a kind of set must keep to, over all its sets together; velocities in m/s."""
+
+    mean_rmse: float
+    peak_rmse: float
+    nees_inside: float = 0.90
+    nees_above: float = 0.025
+
+
+LIMITS = {True: Limits(0.010, 0.015), False: Limits(0.020, 0.030)}
+"""By ``rests``. No phase may be missed or invented, and no zero-velocity update be false.
+
+Of NEES, a consistent filter has 95 % of sets in the band; 90 % leaves room for 20 sets, of which
+one or two may lie outside. The share of samples above the band is that of a consistent filter.
+"""
+
+
+def faults(scores: Sequence[Score]) -> list[str]:
+    """What does not keep to :data:`LIMITS`, one line each; empty when all does."""
+    found = []
+    for rests, limits in LIMITS.items():
+        kind = [one for one in scores if one.rests == rests]
+        if not kind:
+            continue
+        s, label = summarise(kind), "with rests" if rests else "touch and go"
+        for name, limit in (("missed", 0), ("invented", 0), ("false_zupt", 0)):
+            if getattr(s, name) > limit:
+                found.append(f"{label}: {name} {getattr(s, name)}, limit {limit}")
+        for name in ("mean_rmse", "peak_rmse"):
+            value, limit_mps = getattr(s, name), getattr(limits, name)
+            # Written so that a NaN does not pass.
+            if not value <= limit_mps:
+                found.append(f"{label}: {name} {1e3 * value:.1f} mm/s, limit {1e3 * limit_mps:.0f}")
+        if not s.nees_inside >= limits.nees_inside:
+            found.append(f"{label}: NEES in its band in {100 * s.nees_inside:.0f} % of the sets")
+        if not s.nees_above <= limits.nees_above:
+            found.append(f"{label}: NEES above its band in {100 * s.nees_above:.1f} % of samples")
+    return found
 
 
 def run_set(
@@ -76,7 +118,14 @@ def score_seed(seed: int, *, rests: bool, two: bool = True, dtype: Any = np.floa
     lift = seeded_set(seed, rests)
     run = run_set(lift, seed, two=two, dtype=dtype)
     return Score(
-        lift.name, rests, run.pairs, run.missed, run.invented, run.false_zupt, run.nees_mean
+        lift.name,
+        rests,
+        run.pairs,
+        run.missed,
+        run.invented,
+        run.false_zupt,
+        run.nees_mean,
+        run.nees_above,
     )
 
 
@@ -84,8 +133,8 @@ def table(scores: Sequence[Score]) -> str:
     """Markdown, one line per lift and one per kind of set."""
     lines = [
         "| sets | phases | missed | invented | mean velocity RMSE | peak velocity RMSE "
-        "| false ZUPT steps | NEES (5) |",
-        "|---|---|---|---|---|---|---|---|",
+        "| false ZUPT steps | NEES (5) | sets in band | samples above |",
+        "|---|---|---|---|---|---|---|---|---|---|",
     ]
     for rests in (False, True):
         kind = [s for s in scores if s.rests == rests]
@@ -98,7 +147,8 @@ def table(scores: Sequence[Score]) -> str:
             lines.append(
                 f"| {s.sets} {name.replace('_', ' ')} | {s.reps} | {s.missed} | {s.invented} "
                 f"| {1e3 * s.mean_rmse:.1f} mm/s | {1e3 * s.peak_rmse:.1f} mm/s "
-                f"| {s.false_zupt} | {s.nees_mean:.1f} |"
+                f"| {s.false_zupt} | {s.nees_mean:.1f} | {100 * s.nees_inside:.0f} % "
+                f"| {100 * s.nees_above:.1f} % |"
             )
     return "\n".join(lines)
 
@@ -133,7 +183,10 @@ def main(argv: Sequence[str] | None = None) -> int:
         jobs=options.jobs,
     )
     print(table(scores))
-    return 0
+    wrong = faults(scores)
+    for line in wrong:
+        print(line)
+    return 1 if wrong else 0
 
 
 if __name__ == "__main__":

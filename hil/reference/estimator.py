@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from hil.reference import rigid_body, round_trip, zupt
+from hil.reference import hold, rigid_body, round_trip, zupt
 from hil.reference.attitude import (
     FloatArray,
     angle_between,
@@ -31,6 +31,8 @@ from hil.reference.state import A_, G_, T_, V_, Nav, correct, nis, predict
 
 MAX_FOLLOWER_SAMPLES = 16
 """Most follower samples on one step: one full IMU batch of the protocol."""
+MAX_RESIDUALS = 4
+"""Most follower samples compared with the leader on one step; what is left of a batch can wait."""
 MAX_GAP_S = 0.05
 
 
@@ -168,6 +170,7 @@ class Estimator:
         self.detector = zupt.Detector.of(params)
         self.sums = rigid_body.Averager(fresh_force=params.rigid_fast, fresh_rate=params.rigid_fast)
         self.trip = round_trip.RoundTrip()
+        self.hold = hold.Hold()
         self.history: deque[rigid_body.Past] = deque(maxlen=rigid_body.HISTORY)
         self.waiting: deque[rigid_body.Arrival] = deque(maxlen=2 * MAX_FOLLOWER_SAMPLES)
         self.alignment = Alignment()
@@ -178,8 +181,11 @@ class Estimator:
         self.rate_last = np.zeros(3)
         self.turned = np.zeros(3)
         self.turned_seen = np.zeros(3)
+        self.turned_far = np.zeros(3)
         self.turned_fresh = np.zeros(3)
         self.turned2_max = 0.0
+        self.away2_max = 0.0
+        self.turned_over = False
         self.t_last_s = -math.inf
         self.t_follower_s = -math.inf
         self.t_bound_s = 0.0
@@ -240,17 +246,26 @@ class Estimator:
         if still:
             flags |= Flag.STILL
             flags |= self._still_updates(phase, rate, dt)
-            self.turned = np.zeros(3)
-            self.turned_seen = np.zeros(3)
-            self.turned_fresh = np.zeros(3)
-            self.turned2_max = 0.0
+            self._rest()
         else:
             self.detector.refused_s = 0.0
         flags |= self._rigid_updates(phase)
 
+        n = self.nav
         v_centre, h_centre = self._centre(rate)
-        if p.round_trip and round_trip.boundary(p, self.trip, t, h_centre, float(v_centre[2])):
+        if p.round_trip and round_trip.boundary(
+            p, n, self.trip, t, h_m=h_centre, v_mps=float(v_centre[2])
+        ):
             flags |= self._round_trip(t)
+        # On odd phases, which have no rigid-body update.
+        if (
+            not still
+            and self.turned_over
+            and p.hold_span_s > 0.0
+            and self.hold.steady(p, t, float(v_centre[2]))
+            and phase % 2
+        ):
+            flags |= self._hold()
         # Half a sample of room: where the rate divides the period, rounding must not decide.
         due_s = p.bound_period_s - 0.5 * p.dt_s
         if p.bound_period_s > 0.0 and t - self.t_bound_s >= due_s:
@@ -295,8 +310,10 @@ class Estimator:
         Scale errors act on the attitude through the *net* turn since the last rest: turned
         back, they undo themselves, so variance is added only where the turn sets a record.
         On the accelerometer they act through the side from which it sees gravity. The filter
-        calls that bias, learns it, and must be ready to unlearn it whenever the bar has turned
-        on by another ``turn_step_rad``.
+        calls that bias, learns it, and must be ready to unlearn it when the bar turns on. The error
+        grows with the turn itself, not with its square root: along one way its variance grows
+        with the square of the turn, as far as the turn sets a record. Where the bar turns back
+        by more than ``turn_step_rad``, a new way begins.
         """
         p, flags = self.params, Flag(0)
         q_v, q_theta, q_a = 0.0, 0.0, 0.0
@@ -319,14 +336,33 @@ class Estimator:
             self.turned2_max = turned2
         away = self.turned - self.turned_seen
         away2 = float(away @ away)
-        if away2 > p.turn_step_rad**2:
-            q_a = 2.0 * away2 * (p.accel_scale_sigma * p.gravity_mps2) ** 2
-            self.turned_seen = self.turned
+        back = self.turned - self.turned_far
+        if away2 > max(self.away2_max, p.turn_step_rad**2):
+            q_a = (away2 - self.away2_max) * (p.accel_scale_sigma * p.gravity_mps2) ** 2
+            self.away2_max = away2
+            self.turned_far = self.turned
+        elif self.away2_max > 0.0 and float(back @ back) > p.turn_step_rad**2:
+            self.turned_seen = self.turned_far
+            self.away2_max = 0.0
+        rate = turn - self.nav.b_g
+        if float(rate @ rate) > p.hold_turn_radps**2:
+            self.turned_over = True
         afresh = self.turned - self.turned_fresh
         if float(afresh @ afresh) > p.turn_fresh_rad**2:
             self.sums.fresh_force = p.rigid_fast
             self.turned_fresh = self.turned
         return flags, (q_v, q_theta, q_a)
+
+    def _rest(self) -> None:
+        """A rest is where the net turn starts anew."""
+        self.turned = np.zeros(3)
+        self.turned_seen = np.zeros(3)
+        self.turned_far = np.zeros(3)
+        self.turned_fresh = np.zeros(3)
+        self.turned2_max = 0.0
+        self.away2_max = 0.0
+        self.turned_over = False
+        self.hold.clear()
 
     # Front end -------------------------------------------------------------------------------
 
@@ -450,7 +486,9 @@ class Estimator:
             return Flag.FOLLOWER_LOST
         # The newest entry's angular acceleration is provisional until its successor is in.
         newest = self.history[-2].t_s if len(self.history) > 2 else -math.inf
-        while self.waiting and self.waiting[0].t_s <= newest:
+        for _ in range(MAX_RESIDUALS):
+            if not self.waiting or self.waiting[0].t_s > newest:
+                break
             arrival = self.waiting.popleft()
             found = rigid_body.at_time(self.history, arrival.t_s)
             if found is None:
@@ -519,8 +557,15 @@ class Estimator:
             round_trip.add_anchor(p, n, trip)
             return Flag.ANCHOR
         if self._gated(*round_trip.measurement(p, n, trip, anchor, t), p.round_trip_gate):
+            trip.begin_descent()
             return Flag.ROUND_TRIP
         return Flag.ROUND_TRIP_GATED
+
+    def _hold(self) -> Flag:
+        """A bar turned over is caught, then held. One that surely moves does not pass the gate."""
+        passed = self._gated(*hold.measurement(self.params, self.hold), self.params.hold_gate)
+        self.hold.clear()
+        return Flag.BOUND if passed else Flag(0)
 
     def _bound(self) -> Flag:
         """0 = v_xy + n: a bar does not travel sideways for long."""

@@ -38,7 +38,7 @@ class Params:
     gyro_walk_radps_rts: float = 3.0e-6
     accel_scale_sigma: float = 1.0e-3  # scale and misalignment left by the calibration
     gyro_scale_sigma: float = 1.0e-3
-    turn_step_rad: float = 0.25  # a turn by so much shows gravity from a new side
+    turn_step_rad: float = 0.25  # turns below this show gravity from no new side
     turn_fresh_rad: float = 0.8  # a turn by so much makes the other sensor's word news again
     impact_share: float = 0.05  # of the change between samples that may have been missed
     clip_sigma_mps2: float = 500.0  # unknown part of a clipped sample
@@ -49,7 +49,7 @@ class Params:
     accel_bias_sigma_mps2: float = 0.014  # bias and what misalignment makes of gravity
     gyro_bias_sigma_radps: float = 2.0e-3
     gyro_bias_sigma_still_radps: float = 1.0e-4
-    tilt_sigma_still_rad: float = 2.0e-4
+    tilt_sigma_still_rad: float = 1.2e-4
     tilt_sigma_moving_rad: float = 0.05
     velocity_sigma_still_mps: float = 0.01
     velocity_sigma_moving_mps: float = 0.3
@@ -79,8 +79,8 @@ class Params:
     zupt_variance: float = 1e-4  # R_ZUPT, (m/s)^2 on each update
     zupt_gate: float = 16.27
     zupt_force_s: float = 0.7  # detections against the filter's belief for so long: it is lost
-    zaru_sigma_radps: float = 1.2e-3  # zero angular rate, on each update
-    gravity_sigma_mps2: float = 0.05  # gravity alignment, on each update
+    zaru_sigma_radps: float = 6e-4  # zero angular rate, on each update
+    gravity_sigma_mps2: float = 0.02  # gravity alignment, on each update
 
     # Round trip.
     round_trip: bool = True
@@ -88,14 +88,22 @@ class Params:
     round_trip_gate: float = 9.0
     turn_speed_mps: float = 0.15  # hysteresis of the boundary detector
     turn_travel_m: float = 0.12
+    turn_accel_mps2: float = 1.0  # in doubt, so steep a rise is a turn
     turn_confirm_s: float = 0.35
     height_jump_m: float = 0.15  # further off than this is another turning point
     travel_share: float = 0.25  # by which two descents to the same turn may differ
-    height_lost_m: float = 0.4  # height less certain than this: anchors mean nothing any more
-    height_far_m: float = 0.35  # in doubt, further off than this is another turning point
-    doubt_gate: float = 4.0
-    height_doubt_m: float = 0.08  # added spread while turns can hardly be told apart
+    height_lost_m: float = 0.8  # height less certain than this: anchors mean nothing any more
+    height_far_m: float = 1.0  # in doubt, further off than this is another turning point
+    doubt_gate: float = 9.0
+    height_doubt_m: float = 0.03  # added spread while turns can hardly be told apart
     height_walk_m_rts: float = 1e-4
+
+    # A bar held at one height after it was turned over.
+    hold_span_s: float = 0.35  # of steady vertical velocity; 0: off
+    hold_range_mps: float = 0.04  # within which a velocity is steady
+    hold_sigma_mps: float = 0.02  # mean velocity over a hold; more: weaker
+    hold_gate: float = 9.0
+    hold_turn_radps: float = 2.5  # turned faster since the last rest: turned over
 
     # Weak bound on horizontal speed: what levels the attitude where nothing is ever still.
     bound_period_s: float = 0.5

@@ -20,9 +20,15 @@ and so well measured, whatever the drift), is another kind of turn (the catch, t
 floor). It becomes an anchor of its own; its variance at birth is carried in its R from then on.
 When the height is less certain than half the distance that tells turns apart, a return to the
 only anchor there is still counts, with ``height_doubt_m`` of spread added, if it is within
-``height_far_m`` and ``doubt_gate``: that is what saves a set of slow eccentrics. With several
-anchors, or beyond
-``height_lost_m``, all are dropped.
+``height_far_m`` and ``doubt_gate``: that is what saves a set of slow eccentrics. The descent's
+length is then as uncertain as the height, and is compared with that much room. With several
+anchors, or beyond ``height_lost_m``, all are dropped.
+
+A bar that comes down at 0.1 m/s seems to stand still once the velocity has drifted by as much, and
+there is neither a descent nor a crossing. So in doubt no descent is asked for, and a rise
+through ``turn_speed_mps`` at more than ``turn_accel_mps2`` counts as the turn itself, whose height
+it misses by v^2 / 2a, millimetres. A correction moves height and velocity at once, which is no
+motion: the detector begins anew after each.
 
 Nothing is claimed about the velocity at the crossing, which is zero by the very definition of
 the crossing; the velocity is informed through its correlation with the height.
@@ -60,12 +66,26 @@ class RoundTrip:
     anchor_travel_m: FloatArray = field(default_factory=lambda: np.zeros(MAX_ANCHORS))
     anchor_variance: FloatArray = field(default_factory=lambda: np.zeros(MAX_ANCHORS))
 
+    def begin_descent(self) -> None:
+        """Watch for a descent from here on."""
+        self.armed = False
+        self.t_cross_s = -1.0
+        self.h_high_m = -1e9
 
-def boundary(params: Params, trip: RoundTrip, t_s: float, h_m: float, v_mps: float) -> bool:
+
+def in_doubt(params: Params, nav: Nav) -> bool:
+    """Is the height too uncertain to tell turns apart?"""
+    return bool(nav.P[PZ, PZ] > (0.5 * params.height_jump_m) ** 2)
+
+
+def boundary(
+    params: Params, nav: Nav, trip: RoundTrip, t_s: float, *, h_m: float, v_mps: float
+) -> bool:
     """Feed height and vertical velocity of the centre; True when a boundary is confirmed."""
+    doubt = trip.count == 1 and in_doubt(params, nav)
     confirmed = False
     trip.h_high_m = max(trip.h_high_m, h_m)
-    if trip.h_high_m - h_m > params.turn_travel_m:
+    if trip.h_high_m - h_m > params.turn_travel_m or (doubt and v_mps <= params.turn_speed_mps):
         trip.armed = True
     if trip.armed:
         if trip.v_last_mps <= 0.0 < v_mps:
@@ -75,6 +95,14 @@ def boundary(params: Params, trip: RoundTrip, t_s: float, h_m: float, v_mps: flo
             trip.travel_m = trip.h_high_m - trip.h_cross_m
         if v_mps > params.turn_speed_mps:
             confirmed = trip.t_cross_s >= 0.0 and t_s - trip.t_cross_s <= params.turn_confirm_s
+            if (
+                not confirmed
+                and doubt
+                and v_mps - trip.v_last_mps > params.turn_accel_mps2 * (t_s - trip.t_last_s)
+            ):
+                trip.t_cross_s, trip.h_cross_m = t_s, h_m
+                trip.travel_m = trip.h_high_m - h_m
+                confirmed = True
             trip.armed = False
             trip.h_high_m = h_m
     trip.v_last_mps, trip.h_last_m, trip.t_last_s = v_mps, h_m, t_s
@@ -87,14 +115,14 @@ def associate(params: Params, nav: Nav, trip: RoundTrip) -> int:
     Drops all anchors when the height has become too uncertain to tell them apart.
     """
     sigma = float(np.sqrt(nav.P[PZ, PZ]))
-    trip.doubt = sigma > 0.5 * params.height_jump_m
+    trip.doubt = in_doubt(params, nav)
     if sigma > params.height_lost_m or (trip.doubt and trip.count > 1):
         trip.count = trip.next = 0
     if trip.doubt and trip.count == 1:
         distance = abs(trip.anchor_m[0] - trip.h_cross_m)
         spread2 = nav.P[PZ, PZ] + params.height_doubt_m**2
         if (
-            not _alike(params, trip, 0)
+            not _alike(params, trip, 0, 2.0 * sigma)
             or distance > params.height_far_m
             or distance**2 > params.doubt_gate * spread2
         ):
@@ -105,19 +133,18 @@ def associate(params: Params, nav: Nav, trip: RoundTrip) -> int:
         distance = abs(trip.anchor_m[i] - trip.h_cross_m)
         if (
             distance <= params.height_jump_m
-            and _alike(params, trip, i)
+            and _alike(params, trip, i, 0.0)
             and (best < 0 or distance < abs(trip.anchor_m[best] - trip.h_cross_m))
         ):
             best = i
     return best
 
 
-def _alike(params: Params, trip: RoundTrip, i: int) -> bool:
-    """Was anchor ``i`` reached over a descent of about the same length?"""
+def _alike(params: Params, trip: RoundTrip, i: int, drift_m: float) -> bool:
+    """Was anchor ``i`` reached over a descent of about the same length, give or take the drift?"""
     longer = max(trip.travel_m, float(trip.anchor_travel_m[i]))
-    return (
-        abs(trip.travel_m - float(trip.anchor_travel_m[i])) <= 0.05 + params.travel_share * longer
-    )
+    apart = abs(trip.travel_m - float(trip.anchor_travel_m[i]))
+    return apart <= 0.05 + params.travel_share * longer + drift_m
 
 
 def add_anchor(params: Params, nav: Nav, trip: RoundTrip) -> None:

@@ -81,17 +81,21 @@ def window_is_still(params: Params, window: Window, b_g: FloatArray) -> bool:
     excess = np.sqrt(np.sum(force * force, axis=1)) - params.gravity_mps2
     excess_mean = float(np.mean(excess))
     spread = excess - excess_mean
+    mean_force = window.mean_force
+    jump = force[newest] - mean_force
     turning2 = np.sum(rate * rate, axis=1)
-    # A window forgets slowly; one sample far outside it ends the stillness at once.
+    # A window forgets slowly; one sample far outside it ends the stillness at once. The whole
+    # vector is looked at as well: a bar that sets out sideways does not change |a|.
+    accel_limit = params.zupt_release * params.zupt_accel_var
     if (
-        spread[newest] ** 2 > params.zupt_release * params.zupt_accel_var
+        spread[newest] ** 2 > accel_limit
+        or float(jump @ jump) > accel_limit
         or turning2[newest] > params.zupt_release * params.zupt_gyro_var
         or abs(excess_mean) > params.zupt_level_mps2
     ):
         return False
     if params.zupt_shoe:
-        mean = force.mean(axis=0)
-        up = params.gravity_mps2 / np.sqrt(mean @ mean) * mean
+        up = params.gravity_mps2 / np.sqrt(mean_force @ mean_force) * mean_force
         off = force - up
         statistic = (
             float(np.mean(np.sum(off * off, axis=1))) / params.shoe_accel_sigma_mps2**2

@@ -45,6 +45,10 @@ SCENARIOS: dict[str, tuple[str, dict[str, Any], dict[str, Any], dict[str, Any]]]
     "squat": ("squat", {"reps": 1}, {"prefilter_iir": True}, {}),
     "squat, one IMU": ("squat", {"reps": 1}, {}, {"two": False}),
     "deadlift": ("deadlift", {"reps": 2}, {}, {"odr_error": -0.068}),
+    "deadlift in doubt": (
+        *("deadlift", {"reps": 3}),
+        *({"height_jump_m": 0.02, "turn_confirm_s": 0.01}, {}),
+    ),
     "deadlift with rests": ("deadlift", {"reps": 1, "rests": True}, {"zupt_shoe": True}, {}),
     "snatch": ("snatch", {"reps": 1}, {}, {}),
     "clean and jerk": ("clean_and_jerk", {"reps": 1}, {}, {}),
@@ -200,6 +204,9 @@ CHANGES: dict[str, Any] = {
     "lever_follower_m": np.array([-1.0, 0.0, 0.02]),
     "height_far_m": 1e-4,
     "doubt_gate": 1e-6,
+    "height_lost_m": 1e-3,
+    "zupt_gyro_var": 1e-7,
+    "turn_accel_mps2": 50.0,
 }
 """What a parameter is changed to; all others are first doubled, then divided by eight."""
 
@@ -216,8 +223,12 @@ SETTING = {
     "height_far_m": {"height_jump_m": 0.02},
     "doubt_gate": {"height_jump_m": 0.02, "height_far_m": 2.0},
     "height_doubt_m": {"height_jump_m": 0.02, "height_far_m": 2.0},
+    "turn_accel_mps2": {"height_jump_m": 0.02, "turn_confirm_s": 0.01},
     "zupt_force_s": {"zupt_gate": 1e-3},
 }
+
+
+KINDS = ("bench", "snatch", "drop", "clean and jerk", "begun in motion", "deadlift in doubt")
 
 
 @pytest.mark.parametrize("name", [f.name for f in dataclasses.fields(Params)])
@@ -226,7 +237,7 @@ def test_every_parameter_has_a_say(name):
     base = Params(**SETTING.get(name, {}))
     value = getattr(base, name)
     values = [CHANGES[name]] if name in CHANGES else [2.0 * value, value / 8.0]
-    for kind in ("bench", "snatch", "drop", "clean and jerk", "begun in motion"):
+    for kind in KINDS:
         samples, _ = scenario(kind)
         before = run_core(samples, base)
         for changed in values:

@@ -132,6 +132,35 @@ def test_shoe_detector_finds_the_same_rests():
     assert np.mean(a == b) > 0.9
 
 
+def test_variance_of_scale_errors_grows_with_the_square_of_a_turn_and_not_with_sway():
+    """Along one way the bias variance gains (s g phi)^2; less than turn_step_rad adds nothing."""
+    params = Params(accel_walk_mps2_rts=0.0)
+
+    def gained(angles):
+        estimator, dt = Estimator(params), 1.0 / 416.0
+        rates = np.diff(angles, prepend=angles[0]) / dt
+        return sum(
+            estimator._inflation(LEVEL, np.array([w, 0.0, 0.0]), dt, clipped=False)[1][2]
+            for w in rates
+        )
+
+    t = np.linspace(0.0, 1.0, 417)
+    unit = (params.accel_scale_sigma * params.gravity_mps2) ** 2
+    assert gained(1.4 * t) == pytest.approx(unit * 1.4**2, rel=0.01)
+    assert gained(0.12 * np.sin(40.0 * t)) == 0.0
+    there_and_back = np.concatenate([1.4 * t, 1.4 * t[::-1]])
+    assert gained(there_and_back) == pytest.approx(2.0 * unit * 1.4**2, rel=0.01)
+
+
+def test_a_bar_held_after_a_clean_keeps_its_velocity():
+    """Four to eight seconds between the turnover and the floor, bounded by the holds."""
+    run = run_set(lifts.clean_and_jerk(4, reps=1), 4)
+    held = flags(run, Flag.BOUND) & np.array([o.gate == Params().hold_gate for o in run.outputs])
+    assert held.sum() >= 3
+    without = run_set(lifts.clean_and_jerk(4, reps=1), 4, Params(hold_span_s=0.0))
+    assert np.abs(run.errors[:, 5]).max() < 0.6 * np.abs(without.errors[:, 5]).max()
+
+
 def test_starting_in_motion_is_survived():
     """No still second at the start: alignment is poor, says so, and the next rest mends it."""
     lift = lifts.deadlift(9, reps=2, rests=True)
@@ -218,6 +247,44 @@ def test_nees_is_inside_its_95_percent_band_when_the_model_holds():
     ]
     final = np.array([run.nees[-1] for run in runs])
     assert 4.07 <= final.mean() <= 6.02
+
+
+def test_vertical_velocity_of_a_known_motion():
+    """A level sensor on a sine: both integration and truth give it back through their filters."""
+    from hil.reference import broad  # noqa: PLC0415
+
+    rate = 285.0
+    t = np.arange(0.0, 20.0, 1.0 / rate)
+    w, n = 2 * np.pi * 0.8, len(t)
+    rng = np.random.default_rng(1)
+    position = np.zeros((n, 3))
+    position[:, 2] = 0.2 * np.sin(w * t) + 2e-4 * rng.standard_normal(n)
+    accel = np.zeros((n, 3))
+    accel[:, 2] = 9.80665 - 0.2 * w * w * np.sin(w * t)
+    q = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1))
+    still = np.zeros((n, 3))
+    trial = broad.Trial(rate, accel, still, q, position, np.ones(n, bool))
+    assert broad.velocity_rmse_mps(0.2 * w * np.cos(w * t), trial, washout=False) < 0.005
+    ours = broad.integrated(trial, q)
+    assert broad.velocity_rmse_mps(ours, trial, washout=True) < 0.01
+    tilted = np.tile([np.cos(0.05), np.sin(0.05), 0.0, 0.0], (n, 1))
+    assert broad.velocity_rmse_mps(broad.integrated(trial, tilted), trial, washout=True) > 0.02
+    position[2000:2100] = np.nan
+    assert np.isfinite(broad.velocity_rmse_mps(ours, trial, washout=True))
+
+
+@pytest.mark.skipif(not os.environ.get("HIL_DATA"), reason="set HIL_DATA to the real recordings")
+@pytest.mark.parametrize("trial", ["14", "15"])
+def test_vertical_velocity_on_broad(trial):
+    """Beside the same integration on VQF's attitude; the filter's own bounds keep it from drift."""
+    from hil.reference import broad  # noqa: PLC0415
+
+    pytest.importorskip("h5py", reason="pip install h5py")
+    pytest.importorskip("vqf", reason="pip install vqf")
+    rows = broad.figures(broad.load(os.environ["HIL_DATA"], trial))
+    ours, theirs = (rows[f"integration on {whose}"][1] for whose in ("this attitude", "VQF-6D's"))
+    assert ours <= 1.5 * theirs
+    assert ours <= rows["integration on Madgwick's"][1]
 
 
 @pytest.mark.skipif(not os.environ.get("HIL_DATA"), reason="set HIL_DATA to the real recordings")

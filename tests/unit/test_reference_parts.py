@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from hil.reference import rigid_body, round_trip, zupt
+from hil.reference import hold, rigid_body, round_trip, zupt
 from hil.reference.attitude import (
     angle_between,
     conjugate,
@@ -306,6 +306,15 @@ def test_one_sample_outside_ends_stillness():
     assert not zupt.window_is_still(params, window_of(params, force, rate), np.zeros(3))
 
 
+def test_setting_out_sideways_ends_stillness():
+    """|a| hardly changes: 0.1 m/s^2 across gravity are 0.5 mm/s^2 of it."""
+    params = Params()
+    n = params.zupt_window
+    force, rate = np.tile([0.0, 0.0, G], (n, 1)), np.zeros((n, 3))
+    force[-1, 1] += 0.1
+    assert not zupt.window_is_still(params, window_of(params, force, rate), np.zeros(3))
+
+
 def test_boundary_is_found_once_per_turn_and_never_at_rest():
     params, trip = Params(), round_trip.RoundTrip()
     dt, found = 1 / 416.0, []
@@ -313,7 +322,7 @@ def test_boundary_is_found_once_per_turn_and_never_at_rest():
     height = 0.25 * np.cos(2 * np.pi * t / 2.5)
     speed = -0.25 * 2 * np.pi / 2.5 * np.sin(2 * np.pi * t / 2.5)
     for now, h, v in zip(t, height, speed, strict=True):
-        if round_trip.boundary(params, trip, now, h, v):
+        if round_trip.boundary(params, Nav(), trip, now, h_m=h, v_mps=v):
             found.append((now, trip.t_cross_s, trip.h_cross_m))
     bottoms = [1.25, 3.75, 6.25, 8.75]
     np.testing.assert_allclose([f[1] for f in found], bottoms, atol=1e-3)
@@ -321,7 +330,83 @@ def test_boundary_is_found_once_per_turn_and_never_at_rest():
     assert max(f[0] - f[1] for f in found) < 0.15
     trip = round_trip.RoundTrip()
     for now in t:
-        assert not round_trip.boundary(params, trip, now, 1.0, 0.001 * math.sin(40.0 * now))
+        assert not round_trip.boundary(
+            params, Nav(), trip, now, h_m=1.0, v_mps=0.001 * math.sin(40.0 * now)
+        )
+
+
+def test_in_doubt_a_steep_rise_is_a_turn():
+    """A velocity that has drifted by more than a slow descent's own: no descent, no crossing."""
+    params, dt = Params(), 1 / 416.0
+    t = np.arange(0.0, 6.0, dt)
+    rise = np.clip(t - 5.0, 0.0, 0.3) * 3.0
+    speed = -0.1 + rise + 0.12
+    height = np.cumsum(speed) * dt
+    found = {}
+    for sigma in (0.02, 0.2):
+        nav, trip = Nav(), round_trip.RoundTrip(count=1)
+        nav.P[PZ, PZ] = sigma**2
+        steps = zip(t, height, speed, strict=True)
+        found[sigma] = [
+            trip.t_cross_s
+            for now, h, v in steps
+            if round_trip.boundary(params, nav, trip, now, h_m=h, v_mps=v)
+        ]
+    assert not found[0.02]
+    assert found[0.2] == pytest.approx([5.0 + (0.15 - 0.02) / 3.0], abs=2 * dt)
+
+
+def test_a_correction_is_no_descent():
+    """The jump that a correction puts into height and velocity must not look like another turn."""
+    params, nav, trip = Params(), Nav(), round_trip.RoundTrip()
+    round_trip.boundary(params, nav, trip, 0.0, h_m=0.5, v_mps=0.2)
+    trip.begin_descent()
+    round_trip.boundary(params, nav, trip, 0.1, h_m=0.2, v_mps=-0.05)
+    assert not trip.armed
+    assert not round_trip.boundary(params, nav, trip, 0.2, h_m=0.2, v_mps=0.2)
+
+
+def test_in_doubt_the_length_of_a_descent_is_as_uncertain_as_the_height():
+    params, nav, trip = Params(), Nav(), round_trip.RoundTrip()
+    trip.h_cross_m, trip.travel_m = 0.5, 0.5
+    round_trip.add_anchor(params, nav, trip)
+    trip.h_cross_m, trip.travel_m = 0.3, 0.1
+    nav.P[PZ, PZ] = 0.2**2
+    assert round_trip.associate(params, nav, trip) == 0
+    nav.P[PZ, PZ] = 0.09**2
+    assert round_trip.associate(params, nav, trip) == -1
+
+
+def fed(params, speed):
+    """Spans that are long enough, in a velocity trace: (end, mean of v)."""
+    held, found = hold.Hold(), []
+    for k, v in enumerate(speed):
+        if held.steady(params, k * params.dt_s, v):
+            found.append((k * params.dt_s, -float(hold.measurement(params, held)[1][0])))
+            held.clear()
+    return found
+
+
+def test_a_steady_velocity_is_a_hold_and_a_changing_one_is_none():
+    params = Params()
+    t = np.arange(0.0, 2.0, params.dt_s)
+    sway = 0.08 + 0.01 * np.sin(2 * np.pi * 1.0 * t)
+    spans = fed(params, sway)
+    assert len(spans) == int(2.0 / (params.hold_span_s + params.dt_s))
+    assert all(mean == pytest.approx(0.08, abs=0.011) for _, mean in spans)
+    assert not fed(params, 0.5 * np.sin(2 * np.pi * 0.5 * t))
+
+
+def test_a_hold_corrects_a_drifted_velocity_and_leaves_a_known_one():
+    params, held = Params(), hold.Hold()
+    held.count, held.sum_mps = 100, 100 * 0.1
+    H, y, R = hold.measurement(params, held)  # noqa: N806
+    for sigma, passes in ((0.05, True), (0.005, False)):
+        nav = Nav(v=np.array([0.0, 0.0, 0.1]), P=np.eye(15) * sigma**2)
+        assert (nis(nav, H, y, R) <= params.hold_gate) == passes
+    nav = Nav(v=np.array([0.0, 0.0, 0.1]), P=np.eye(15) * 0.05**2)
+    correct(nav, H, y, R)
+    assert 0.0 < nav.v[2] < 0.02
 
 
 def test_round_trip_brings_height_and_velocity_back():

@@ -1,6 +1,7 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "estimator.hpp"
 
+#include <algorithm>
 #include <limits>
 
 #include "madgwick.hpp"
@@ -95,8 +96,13 @@ Status Estimator<Scalar>::step(const Sample<Scalar> &leader, const Sample<Scalar
 	Scalar height;
 
 	centre(own.rate, velocity, height);
-	if (params_.round_trip && boundary(params_, s.trip, t_ticks, height, velocity[2])) {
+	if (params_.round_trip && boundary(params_, s.nav, s.trip, t_ticks, height, velocity[2])) {
 		flags |= round_trip(t_ticks);
+	}
+	// On odd phases, which have no rigid-body update.
+	if (!(flags & FLAG_STILL) && s.turned_over && params_.hold_span_s > 0 &&
+	    s.hold.steady(params_, t_ticks, velocity[2]) && phase % 2 == 1) {
+		flags |= hold();
 	}
 	// Half a sample of room: where the rate divides the period, rounding must not decide.
 	if (params_.bound_period_s > 0 &&
@@ -178,12 +184,22 @@ unsigned Estimator<Scalar>::inflate(const Filtered<Scalar> &own, const Vector3<S
 		extra.theta += square(p.gyro_scale_sigma) * (turned2 - s.turned2_max);
 		s.turned2_max = turned2;
 	}
-	// Gravity seen from a new side: what was learned as bias may have to be unlearned.
+	// Gravity seen from a new side: what was learned as bias may have to be unlearned. Errors
+	// of scale grow with the turn itself, so along one way variance grows with its square;
+	// where the bar turns back, a new way begins.
 	const Scalar away2 = (s.turned - s.turned_seen).squaredNorm();
+	const Scalar step2 = square(p.turn_step_rad);
 
-	if (away2 > square(p.turn_step_rad)) {
-		extra.a = 2 * away2 * square(p.accel_scale_sigma * p.gravity_mps2);
-		s.turned_seen = s.turned;
+	if (away2 > std::max(s.away2_max, step2)) {
+		extra.a = (away2 - s.away2_max) * square(p.accel_scale_sigma * p.gravity_mps2);
+		s.away2_max = away2;
+		s.turned_far = s.turned;
+	} else if (s.away2_max > 0 && (s.turned - s.turned_far).squaredNorm() > step2) {
+		s.turned_seen = s.turned_far;
+		s.away2_max = 0;
+	}
+	if ((turn - s.nav.b_g).squaredNorm() > square(p.hold_turn_radps)) {
+		s.turned_over = true;
 	}
 	if ((s.turned - s.turned_fresh).squaredNorm() > square(p.turn_fresh_rad)) {
 		s.sums.fresh_force = p.rigid_fast;
@@ -356,7 +372,10 @@ template <class Scalar> unsigned Estimator<Scalar>::rigid_residuals(Ticks t_tick
 	// The newest entry's angular acceleration is provisional until its successor is in.
 	const Ticks settled_ticks = s.history[s.history.size() - 2].t_ticks;
 
-	while (!s.waiting.empty() && s.waiting[0].t_ticks <= settled_ticks) {
+	// A whole batch at once would double the cost of its step; what is left can wait.
+	for (int n = 0; n < MAX_RESIDUALS && !s.waiting.empty() &&
+			s.waiting[0].t_ticks <= settled_ticks;
+	     n++) {
 		Past<Scalar> past;
 		Vector3<Scalar> slope;
 
@@ -444,8 +463,12 @@ template <class Scalar> void Estimator<Scalar>::rest()
 {
 	state_.turned.setZero();
 	state_.turned_seen.setZero();
+	state_.turned_far.setZero();
+	state_.away2_max = 0;
 	state_.turned_fresh.setZero();
 	state_.turned2_max = 0;
+	state_.turned_over = false;
+	state_.hold.clear();
 }
 
 template <class Scalar> unsigned Estimator<Scalar>::round_trip(Ticks t_ticks)
@@ -457,10 +480,23 @@ template <class Scalar> unsigned Estimator<Scalar>::round_trip(Ticks t_ticks)
 		add_anchor(params_, s.nav, s.trip);
 		return FLAG_ANCHOR;
 	}
-	return gated(return_measurement(params_, s.nav, s.trip, anchor, t_ticks),
-		     params_.round_trip_gate)
-		       ? FLAG_ROUND_TRIP
-		       : FLAG_ROUND_TRIP_GATED;
+	if (!gated(return_measurement(params_, s.nav, s.trip, anchor, t_ticks),
+		   params_.round_trip_gate)) {
+		return FLAG_ROUND_TRIP_GATED;
+	}
+	// The correction moves height and velocity at once; that is no descent and no turn.
+	s.trip.begin_descent();
+	return FLAG_ROUND_TRIP;
+}
+
+/// A bar turned over is caught, then held. One that surely moves does not pass the gate.
+template <class Scalar> unsigned Estimator<Scalar>::hold()
+{
+	State<Scalar> &s = state_;
+	const Measurement<Scalar, 1> m = hold_measurement(params_, s.hold);
+
+	s.hold.clear();
+	return gated(m, params_.hold_gate) ? static_cast<unsigned>(FLAG_BOUND) : 0;
 }
 
 /// 0 = v_xy + n: a bar does not travel sideways for long.

@@ -10,6 +10,7 @@
 #ifndef BV_ESTIMATOR_ESTIMATOR_HPP_
 #define BV_ESTIMATOR_ESTIMATOR_HPP_
 
+#include "hold.hpp"
 #include "params.hpp"
 #include "prefilter.hpp"
 #include "rigid_body.hpp"
@@ -23,6 +24,9 @@ namespace bv
 
 /// Most follower samples on one step: one full IMU batch of the protocol.
 constexpr int MAX_FOLLOWER_SAMPLES = 16;
+
+/// Most follower samples compared with the leader on one step.
+constexpr int MAX_RESIDUALS = 4;
 
 /// What happened on a step; the bits of Output::flags.
 enum Flag : std::uint16_t {
@@ -106,6 +110,7 @@ template <class Scalar> struct State {
 	Detector<Scalar> detector;
 	Averager<Scalar> sums;
 	RoundTrip<Scalar> trip;
+	Hold<Scalar> hold;
 	History<Scalar> history;
 	Ring<Arrival<Scalar>, 2 * MAX_FOLLOWER_SAMPLES> waiting;
 	Alignment<Scalar> alignment;
@@ -114,11 +119,16 @@ template <class Scalar> struct State {
 	Vector3<Scalar> a_world{Vector3<Scalar>::Zero()};
 	Vector3<Scalar> force_last{Vector3<Scalar>::Zero()};
 	Vector3<Scalar> rate_last{Vector3<Scalar>::Zero()};
-	/// Net turn since the last rest, rad, bar frame; where it last counted; its record.
+	/// Net turn since the last rest, rad, bar frame; where its present way began, and the
+	/// farthest point and squared record of that; where the other sensor's word was last news.
 	Vector3<Scalar> turned{Vector3<Scalar>::Zero()};
 	Vector3<Scalar> turned_seen{Vector3<Scalar>::Zero()};
+	Vector3<Scalar> turned_far{Vector3<Scalar>::Zero()};
+	Scalar away2_max = 0;
 	Vector3<Scalar> turned_fresh{Vector3<Scalar>::Zero()};
 	Scalar turned2_max = 0;
+	/// Since the last rest the bar has turned faster than hold_turn_radps.
+	bool turned_over = false;
 	bool started = false;
 	bool aligned = false;
 	bool follower_heard = false;
@@ -182,6 +192,7 @@ private:
 	unsigned still_updates(unsigned phase, const Vector3<Scalar> &rate, Scalar dt_s);
 	void rest();
 	unsigned round_trip(Ticks t_ticks);
+	unsigned hold();
 	void bound();
 	void centre(const Vector3<Scalar> &rate, Vector3<Scalar> &velocity, Scalar &height) const;
 	void fill(Ticks t_ticks, const Vector3<Scalar> &rate, unsigned flags,

@@ -41,7 +41,7 @@ template <class Scalar> struct Params {
 	Scalar gyro_walk_radps_rts = Scalar(3.0e-6);
 	Scalar accel_scale_sigma = Scalar(1.0e-3); // scale and misalignment after calibration
 	Scalar gyro_scale_sigma = Scalar(1.0e-3);
-	Scalar turn_step_rad = Scalar(0.25); // a turn by so much shows gravity from a new side
+	Scalar turn_step_rad = Scalar(0.25); // turns below this show gravity from no new side
 	Scalar turn_fresh_rad = Scalar(0.8); // ... makes the other sensor's word news again
 	Scalar impact_share = Scalar(0.05);  // of the change between samples, possibly missed
 	Scalar clip_sigma_mps2 = Scalar(500); // unknown part of a clipped sample
@@ -52,7 +52,7 @@ template <class Scalar> struct Params {
 	Scalar accel_bias_sigma_mps2 = Scalar(0.014); // bias, and misalignment of gravity
 	Scalar gyro_bias_sigma_radps = Scalar(2.0e-3);
 	Scalar gyro_bias_sigma_still_radps = Scalar(1.0e-4);
-	Scalar tilt_sigma_still_rad = Scalar(2.0e-4);
+	Scalar tilt_sigma_still_rad = Scalar(1.2e-4);
 	Scalar tilt_sigma_moving_rad = Scalar(0.05);
 	Scalar velocity_sigma_still_mps = Scalar(0.01);
 	Scalar velocity_sigma_moving_mps = Scalar(0.3);
@@ -82,8 +82,8 @@ template <class Scalar> struct Params {
 	Scalar zupt_variance = Scalar(1e-4); // R_ZUPT, (m/s)^2 on each update
 	Scalar zupt_gate = Scalar(16.27);
 	Scalar zupt_force_s = Scalar(0.7); // detections against the filter's belief: it is lost
-	Scalar zaru_sigma_radps = Scalar(1.2e-3);  // zero angular rate, on each update
-	Scalar gravity_sigma_mps2 = Scalar(0.05);  // gravity alignment, on each update
+	Scalar zaru_sigma_radps = Scalar(6e-4);    // zero angular rate, on each update
+	Scalar gravity_sigma_mps2 = Scalar(0.02);  // gravity alignment, on each update
 
 	// Round trip.
 	bool round_trip = true;
@@ -91,14 +91,22 @@ template <class Scalar> struct Params {
 	Scalar round_trip_gate = Scalar(9);
 	Scalar turn_speed_mps = Scalar(0.15); // hysteresis of the boundary detector
 	Scalar turn_travel_m = Scalar(0.12);
+	Scalar turn_accel_mps2 = Scalar(1);     // in doubt, so steep a rise is a turn
 	Scalar turn_confirm_s = Scalar(0.35);
 	Scalar height_jump_m = Scalar(0.15); // further off than this is another turning point
 	Scalar travel_share = Scalar(0.25);  // by which two descents to one turn may differ
-	Scalar height_lost_m = Scalar(0.4);  // height less certain: anchors mean nothing more
-	Scalar height_far_m = Scalar(0.35);  // in doubt, further off: another turning point
-	Scalar doubt_gate = Scalar(4);
-	Scalar height_doubt_m = Scalar(0.08); // added spread while turns can hardly be told apart
+	Scalar height_lost_m = Scalar(0.8);  // height less certain: anchors mean nothing more
+	Scalar height_far_m = Scalar(1);  // in doubt, further off: another turning point
+	Scalar doubt_gate = Scalar(9);
+	Scalar height_doubt_m = Scalar(0.03); // added spread while turns can hardly be told apart
 	Scalar height_walk_m_rts = Scalar(1e-4);
+
+	// A bar held at one height after it was turned over.
+	Scalar hold_span_s = Scalar(0.35);    // of steady vertical velocity; 0: off
+	Scalar hold_range_mps = Scalar(0.04); // within which a velocity is steady
+	Scalar hold_sigma_mps = Scalar(0.02); // mean velocity over a hold; more: weaker
+	Scalar hold_gate = Scalar(9);
+	Scalar hold_turn_radps = Scalar(2.5); // turned faster since the last rest: turned over
 
 	// Weak bound on horizontal speed: what levels the attitude where nothing is ever still.
 	Scalar bound_period_s = Scalar(0.5); // 0: off
@@ -168,6 +176,7 @@ template <class AnyParams, class Visit> void for_each_param(AnyParams &p, Visit 
 	BV_PARAM(round_trip_gate);
 	BV_PARAM(turn_speed_mps);
 	BV_PARAM(turn_travel_m);
+	BV_PARAM(turn_accel_mps2);
 	BV_PARAM(turn_confirm_s);
 	BV_PARAM(height_jump_m);
 	BV_PARAM(travel_share);
@@ -176,6 +185,11 @@ template <class AnyParams, class Visit> void for_each_param(AnyParams &p, Visit 
 	BV_PARAM(doubt_gate);
 	BV_PARAM(height_doubt_m);
 	BV_PARAM(height_walk_m_rts);
+	BV_PARAM(hold_span_s);
+	BV_PARAM(hold_range_mps);
+	BV_PARAM(hold_sigma_mps);
+	BV_PARAM(hold_gate);
+	BV_PARAM(hold_turn_radps);
 	BV_PARAM(bound_period_s);
 	BV_PARAM(bound_sigma_mps);
 	BV_PARAM(madgwick_gain);

@@ -8,27 +8,35 @@ namespace bv
 namespace
 {
 
-/// Was the anchor reached over a descent of about the same length?
+/// Was the anchor reached over a descent of about the same length, give or take drift_m?
 template <class Scalar>
 bool alike(const Params<Scalar> &params, const RoundTrip<Scalar> &trip,
-	   const Anchor<Scalar> &anchor)
+	   const Anchor<Scalar> &anchor, Scalar drift_m)
 {
 	const Scalar longer = std::max(trip.travel_m, anchor.travel_m);
 
 	return std::abs(trip.travel_m - anchor.travel_m) <=
-	       Scalar(0.05) + params.travel_share * longer;
+	       Scalar(0.05) + params.travel_share * longer + drift_m;
+}
+
+/// Is the height too uncertain to tell turns apart?
+template <class Scalar> bool in_doubt(const Params<Scalar> &params, const Nav<Scalar> &nav)
+{
+	return nav.P(AT_PZ, AT_PZ) > square(Scalar(0.5) * params.height_jump_m);
 }
 
 } // namespace
 
 template <class Scalar>
-bool boundary(const Params<Scalar> &params, RoundTrip<Scalar> &trip, Ticks t_ticks, Scalar h_m,
-	      Scalar v_mps)
+bool boundary(const Params<Scalar> &params, const Nav<Scalar> &nav, RoundTrip<Scalar> &trip,
+	      Ticks t_ticks, Scalar h_m, Scalar v_mps)
 {
+	const bool doubt = trip.count == 1 && in_doubt(params, nav);
 	bool confirmed = false;
 
 	trip.h_high_m = std::max(trip.h_high_m, h_m);
-	if (trip.h_high_m - h_m > params.turn_travel_m) {
+	if (trip.h_high_m - h_m > params.turn_travel_m ||
+	    (doubt && v_mps <= params.turn_speed_mps)) {
 		trip.armed = true;
 	}
 	if (trip.armed) {
@@ -44,6 +52,18 @@ bool boundary(const Params<Scalar> &params, RoundTrip<Scalar> &trip, Ticks t_tic
 		if (v_mps > params.turn_speed_mps) {
 			confirmed = trip.crossed &&
 				    trip.since_cross_s(t_ticks) <= params.turn_confirm_s;
+			// A velocity that has drifted upwards may pass the turn without a crossing;
+			// so steep a rise still shows it.
+			if (!confirmed && doubt &&
+			    v_mps - trip.v_last_mps >
+				    params.turn_accel_mps2 *
+					    seconds<Scalar>(t_ticks - trip.t_last_ticks)) {
+				trip.t_before_cross_ticks = t_ticks;
+				trip.cross_after_s = 0;
+				trip.h_cross_m = h_m;
+				trip.travel_m = trip.h_high_m - h_m;
+				confirmed = true;
+			}
 			trip.armed = false;
 			trip.h_high_m = h_m;
 		}
@@ -60,14 +80,14 @@ int associate(const Params<Scalar> &params, const Nav<Scalar> &nav, RoundTrip<Sc
 	const Scalar variance = nav.P(AT_PZ, AT_PZ);
 	const Scalar sigma = std::sqrt(variance);
 
-	trip.doubt = sigma > Scalar(0.5) * params.height_jump_m;
+	trip.doubt = in_doubt(params, nav);
 	if (sigma > params.height_lost_m || (trip.doubt && trip.count > 1)) {
 		trip.forget_anchors();
 	}
 	if (trip.doubt && trip.count == 1) {
 		const Scalar distance = std::abs(trip.anchor[0].height_m - trip.h_cross_m);
 
-		if (!alike(params, trip, trip.anchor[0]) || distance > params.height_far_m ||
+		if (!alike(params, trip, trip.anchor[0], 2 * sigma) || distance > params.height_far_m ||
 		    square(distance) >
 			    params.doubt_gate * (variance + square(params.height_doubt_m))) {
 			trip.forget_anchors();
@@ -82,7 +102,7 @@ int associate(const Params<Scalar> &params, const Nav<Scalar> &nav, RoundTrip<Sc
 		const Scalar distance = std::abs(trip.anchor[i].height_m - trip.h_cross_m);
 
 		if ((best < 0 ? distance <= best_distance : distance < best_distance) &&
-		    alike(params, trip, trip.anchor[i])) {
+		    alike(params, trip, trip.anchor[i], Scalar(0))) {
 			best = i;
 			best_distance = distance;
 		}
@@ -126,8 +146,8 @@ Measurement<Scalar, 1> return_measurement(const Params<Scalar> &params, const Na
 }
 
 #define BV_INSTANTIATE(Scalar)                                                                     \
-	template bool boundary(const Params<Scalar> &, RoundTrip<Scalar> &, Ticks, Scalar,         \
-			       Scalar);                                                            \
+	template bool boundary(const Params<Scalar> &, const Nav<Scalar> &, RoundTrip<Scalar> &,   \
+			       Ticks, Scalar, Scalar);                                                            \
 	template int associate(const Params<Scalar> &, const Nav<Scalar> &, RoundTrip<Scalar> &);  \
 	template void add_anchor(const Params<Scalar> &, Nav<Scalar> &, RoundTrip<Scalar> &);      \
 	template Measurement<Scalar, 1> return_measurement(                                        \

@@ -46,6 +46,14 @@ template <class Scalar> struct RoundTrip {
 		return seconds<Scalar>(t_ticks - t_before_cross_ticks) - cross_after_s;
 	}
 
+	/// Watch for a descent from here on.
+	void begin_descent()
+	{
+		armed = false;
+		crossed = false;
+		h_high_m = Scalar(-1e9);
+	}
+
 	void forget_anchors()
 	{
 		count = 0;
@@ -54,9 +62,10 @@ template <class Scalar> struct RoundTrip {
 };
 
 /// Feed height and vertical velocity of the bar's centre; true when a boundary is confirmed.
+/// While the height is in doubt, a steep rise is enough.
 template <class Scalar>
-bool boundary(const Params<Scalar> &params, RoundTrip<Scalar> &trip, Ticks t_ticks, Scalar h_m,
-	      Scalar v_mps);
+bool boundary(const Params<Scalar> &params, const Nav<Scalar> &nav, RoundTrip<Scalar> &trip,
+	      Ticks t_ticks, Scalar h_m, Scalar v_mps);
 
 /// Index of the anchor that the candidate returns to; -1 when there is none.
 ///

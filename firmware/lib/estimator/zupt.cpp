@@ -51,29 +51,39 @@ bool window_is_still(const Params<Scalar> &params, const Window<Scalar> &window,
 	const auto n = static_cast<std::size_t>(params.zupt_window);
 	const auto newest = static_cast<std::size_t>(window.newest);
 	const Scalar share = 1 / static_cast<Scalar>(params.zupt_window);
+	const Scalar accel_limit = params.zupt_release * params.zupt_accel_var;
+
+	// A window forgets slowly; one sample far outside it ends the stillness at once. What
+	// costs least is asked first: in motion, most steps end here.
+	if ((window.rate[newest] - b_g).squaredNorm() > params.zupt_release * params.zupt_gyro_var) {
+		return false;
+	}
+
 	Scalar excess_mean = 0;
 
 	for (std::size_t i = 0; i < n; i++) {
 		excess_mean += window.excess[i];
 	}
 	excess_mean *= share;
-	// A window forgets slowly; one sample far outside it ends the stillness at once.
-	if (square(window.excess[newest] - excess_mean) >
-		    params.zupt_release * params.zupt_accel_var ||
-	    (window.rate[newest] - b_g).squaredNorm() >
-		    params.zupt_release * params.zupt_gyro_var ||
+	if (square(window.excess[newest] - excess_mean) > accel_limit ||
 	    std::abs(excess_mean) > params.zupt_level_mps2) {
 		return false;
 	}
 
+	Vector3<Scalar> mean = Vector3<Scalar>::Zero();
 	Scalar turning2 = 0;
 
 	for (std::size_t i = 0; i < n; i++) {
+		mean += window.force[i];
 		turning2 += (window.rate[i] - b_g).squaredNorm();
 	}
+	mean *= share;
 	turning2 *= share;
+	// The whole vector as well: a bar that sets out sideways does not change |a|.
+	if ((window.force[newest] - mean).squaredNorm() > accel_limit) {
+		return false;
+	}
 	if (params.zupt_shoe) {
-		const Vector3<Scalar> mean = window.mean_force(params);
 		const Vector3<Scalar> up =
 			(params.gravity_mps2 / std::sqrt(mean.squaredNorm())) * mean;
 		Scalar off2 = 0;
