@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from hil.core import Samples
 from hil.parity import Batch
 from hil.recording import Recording
+from hil.reference.params import Params
 from hil.streams import ROLES, frames, rows
 from hil.wire.messages import TICK_RATE_HZ
 
@@ -40,12 +41,13 @@ class Run:
 
     Attributes:
         samples: what it was fed.
-        rate_hz: of the leader's IMU, from the first batch, as a float32 holds it.
+        params: what it was started with: the rate of the leader's IMU, from the first batch and as
+            a float32 holds it, and what the image chose by Kconfig.
         begin, end: byte offsets in the leader's stream from the first batch to the next start.
     """
 
     samples: Batch
-    rate_hz: float
+    params: Params
     begin: int
     end: int
 
@@ -66,14 +68,18 @@ def runs(recording: Recording) -> list[Run]:
     anew = (first[1:] < next_index[:-1]) | (t_first[1:] - t_last[:-1] > GAP_MAX_TICKS)
     starts = own[np.concatenate([[True], anew])] if own.size else own
     bounds = [*starts.tolist(), len(sent)]
-    return [_run(sent[a:b], raw[begins[a] : begins[b]], _end(sent, b)) for a, b in pairwise(bounds)]
+    kconfig = recording.provenance.manifests.get("leader", {}).get("kconfig", {})
+    iir = bool(kconfig.get("BV_PREFILTER_IIR", False))
+    return [
+        _run(sent[a:b], raw[begins[a] : begins[b]], _end(sent, b), iir) for a, b in pairwise(bounds)
+    ]
 
 
 def _end(sent: NDArray[Any], row: int) -> int:
     return int(sent["offset"][row]) if row < len(sent) else int(np.iinfo(np.int64).max)
 
 
-def _run(sent: NDArray[Any], raw: NDArray[Any], end: int) -> Run:
+def _run(sent: NDArray[Any], raw: NDArray[Any], end: int, iir: bool) -> Run:
     count = sent["count"].astype(np.int64)
     within = np.arange(len(raw)) - np.repeat(np.cumsum(count) - count, count)
     batch = np.repeat(np.arange(len(sent)), count)
@@ -84,7 +90,10 @@ def _run(sent: NDArray[Any], raw: NDArray[Any], end: int) -> Run:
     period = np.float32(sent["period_ticks"][0])
     return Run(
         Batch(_take(everything, np.flatnonzero(is_own)), _take(everything, rides[kept]), step),
-        float(np.float32(SUBTICKS_PER_TICK * TICK_RATE_HZ) / period),
+        Params(
+            rate_hz=float(np.float32(SUBTICKS_PER_TICK * TICK_RATE_HZ) / period),
+            prefilter_iir=iir,
+        ),
         int(sent["offset"][0]),
         end,
     )

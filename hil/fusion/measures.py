@@ -17,7 +17,6 @@ from hil.fusion.truth import Judged, judge
 from hil.measure import Measurement
 from hil.parity import attitude_error_rad, relative_errors, run_core, run_reference
 from hil.recording import Recording
-from hil.reference.params import Params
 from hil.streams import frames, table
 from hil.timesync.analysis import Sync
 
@@ -98,9 +97,8 @@ def firmware(recording: Recording, found: Sequence[Run], c: Conditions) -> list[
 def reference(run: Run, c: Conditions) -> list[Measurement]:
     """The core against the NumPy reference over the run's first seconds."""
     cut = first_steps(run, REFERENCE_STEPS)
-    params = Params(rate_hz=run.rate_hz)
-    ours, theirs = run_core(cut.samples, params), run_reference(cut.samples, params)
-    single = run_core(cut.samples, params, np.float32)
+    ours, theirs = run_core(cut.samples, run.params), run_reference(cut.samples, run.params)
+    single = run_core(cut.samples, run.params, np.float32)
     how = f"{len(theirs)} steps from the start of the run, the same samples in both"
     if len(theirs) == 0 or not np.array_equal(ours["step"], theirs["step"]):
         how += "; the alignments ended apart, or never"

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from hil.core import Estimator
 from hil.fusion.inputs import Run
-from hil.reference.params import Params
 
 FIELDS: Final[Mapping[str, str]] = {
     "position_m": "p",
@@ -76,7 +75,7 @@ class Comparison:
 def host_steps(run: Run, dtype: Any = np.float32) -> NDArray[np.void]:
     """Outputs of the core for ``run``."""
     fed = run.samples
-    estimator = Estimator(Params(rate_hz=run.rate_hz), dtype)
+    estimator = Estimator(run.params, dtype)
     return estimator.run(fed.leader, fed.follower, fed.arrival).outputs
 
 

@@ -40,4 +40,4 @@ def recorded(path: Path) -> tuple[Batch, Params]:
         raise RecordingError(
             f"{path}: the leader's stream has no IMU batch", "name a recording of both nodes"
         )
-    return found[-1].samples, Params(rate_hz=found[-1].rate_hz)
+    return found[-1].samples, found[-1].params

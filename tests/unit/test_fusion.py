@@ -135,7 +135,7 @@ def judged(recording: Recording) -> dict[str, Measurement]:
 def test_samples_come_in_the_units_and_at_the_times_of_the_batches() -> None:
     (run,) = inputs.runs(recording_of(sent_batches()))
     leader, follower = streams()
-    assert run.rate_hz == pytest.approx(RATE_HZ, abs=1e-4)
+    assert run.params.rate_hz == pytest.approx(RATE_HZ, abs=1e-4)
     np.testing.assert_allclose(run.samples.leader.accel_mps2, leader.accel_mps2[:STEPS], rtol=1e-6)
     np.testing.assert_allclose(run.samples.leader.gyro_radps, leader.gyro_radps[:STEPS], rtol=1e-6)
     since_s = (run.samples.leader.t_ticks - 10**9) / TICK_RATE_HZ
