@@ -57,6 +57,17 @@ def batch(leader: ImuStream, follower: ImuStream | None, link: Link | None = Non
     return Batch(_samples(own), _samples(others), np.array(arrival, dtype=np.int64))
 
 
+def first_steps(samples: Batch, steps: int) -> Batch:
+    """The batch up to leader sample ``steps``."""
+    kept = int((samples.arrival < steps).sum())
+
+    def cut(one: Samples, n: int) -> Samples:
+        t, accel, gyro, clipped, t_sigma = one.columns()
+        return Samples(t[:n], accel[:n], gyro[:n], clipped[:n], t_sigma[:n])
+
+    return Batch(cut(samples.leader, steps), cut(samples.follower, kept), samples.arrival[:kept])
+
+
 def _samples(samples: list[reference.Sample]) -> Samples:
     if not samples:
         return NOTHING

@@ -8,7 +8,7 @@ operations of ``firmware/lib/fusion``: the host's core then comes to the same bi
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Final
 
@@ -97,15 +97,6 @@ def _run(sent: NDArray[Any], raw: NDArray[Any], end: int, iir: bool) -> Run:
         int(sent["offset"][0]),
         end,
     )
-
-
-def first_steps(run: Run, steps: int) -> Run:
-    """``run`` cut after its first ``steps`` leader samples."""
-    fed = run.samples
-    rides = int(np.searchsorted(fed.arrival, steps))
-    leader = _take(fed.leader, np.arange(min(steps, len(fed.leader.t_ticks))))
-    follower = _take(fed.follower, np.arange(rides))
-    return replace(run, samples=Batch(leader, follower, fed.arrival[:rides]))
 
 
 def arrivals(is_own: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

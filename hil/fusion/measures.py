@@ -11,11 +11,17 @@ import numpy as np
 
 from hil.budget import Conditions, judged
 from hil.core import ESTIMATOR_SHA256
-from hil.fusion.inputs import Run, first_steps, runs
+from hil.fusion.inputs import Run, runs
 from hil.fusion.replay import compare, host_steps
 from hil.fusion.truth import Judged, judge
 from hil.measure import Measurement
-from hil.parity import attitude_error_rad, relative_errors, run_core, run_reference
+from hil.parity import (
+    attitude_error_rad,
+    first_steps,
+    relative_errors,
+    run_core,
+    run_reference,
+)
 from hil.recording import Recording
 from hil.streams import frames, table
 from hil.timesync.analysis import Sync
@@ -96,9 +102,9 @@ def firmware(recording: Recording, found: Sequence[Run], c: Conditions) -> list[
 
 def reference(run: Run, c: Conditions) -> list[Measurement]:
     """The core against the NumPy reference over the run's first seconds."""
-    cut = first_steps(run, REFERENCE_STEPS)
-    ours, theirs = run_core(cut.samples, run.params), run_reference(cut.samples, run.params)
-    single = run_core(cut.samples, run.params, np.float32)
+    cut = first_steps(run.samples, REFERENCE_STEPS)
+    ours, theirs = run_core(cut, run.params), run_reference(cut, run.params)
+    single = run_core(cut, run.params, np.float32)
     how = f"{len(theirs)} steps from the start of the run, the same samples in both"
     if len(theirs) == 0 or not np.array_equal(ours["step"], theirs["step"]):
         how += "; the alignments ended apart, or never"

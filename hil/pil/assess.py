@@ -14,7 +14,7 @@ from hil.build.sources import estimator_hash, project_root
 from hil.core import ESTIMATOR_SHA256
 from hil.errors import RigError
 from hil.measure import Measurement
-from hil.parity import Batch
+from hil.parity import Batch, first_steps
 from hil.pil import kinds, trace
 from hil.pil.compare import Comparison, compare, host_outputs
 from hil.pil.cycles import CLOCK_HZ, Cost
@@ -98,7 +98,7 @@ def assess(
     target = run(image, samples, params, progress=progress)
     if not kinds.estimated(target).any():
         raise RigError("no step after the alignment", "give a longer set of samples")
-    traced = trace.first_steps(samples, min(TRACED_STEPS, len(target.instructions)))
+    traced = first_steps(samples, min(TRACED_STEPS, len(target.instructions)))
     costs = trace.step_costs(image, traced, params)
     agree(target.instructions, costs)
     return Assessment(

@@ -16,7 +16,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Final
 
-from hil.core import Samples
 from hil.errors import RigError
 from hil.parity import Batch
 from hil.pil.cycles import Cost, Instruction, block_cost
@@ -40,17 +39,6 @@ class Block:
     def cost(self) -> Cost:
         """Asked for when the block has run, and is therefore listed whole."""
         return block_cost(self.instructions)
-
-
-def first_steps(samples: Batch, steps: int) -> Batch:
-    """The batch up to leader sample ``steps``."""
-    kept = int((samples.arrival < steps).sum())
-
-    def cut(one: Samples, n: int) -> Samples:
-        t, accel, gyro, clipped, t_sigma = one.columns()
-        return Samples(t[:n], accel[:n], gyro[:n], clipped[:n], t_sigma[:n])
-
-    return Batch(cut(samples.leader, steps), cut(samples.follower, kept), samples.arrival[:kept])
 
 
 def step_costs(

@@ -10,23 +10,25 @@ import subprocess
 import sys
 from collections.abc import Callable
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from hil import pil
 from hil.build.toolchain import MEND_CROSS
-from hil.errors import BuildError, RigError
+from hil.errors import BuildError, RecordingError, RigError
 from hil.measure import Verdict
 from hil.motion import lifts
-from hil.parity import Batch, batch
-from hil.pil import emulator, image, kinds, layout, trace
+from hil.parity import Batch, batch, first_steps
+from hil.pil import emulator, image, kinds, layout
 from hil.pil.assess import Assessment, agree, assess, measurements
 from hil.pil.cycles import Cost
 from hil.pil.feed import encode
 from hil.reference.params import Params
 from hil.reference.study import simulate
 
+RECORDINGS = Path(__file__).parents[2] / "fixtures" / "recordings"
 STEPS = 1200
 ALIGNMENT_STEPS = 209
 SLOPPY = ("-Os", "-ffp-contract=fast", "-DEIGEN_STRONG_INLINE=inline")
@@ -42,7 +44,7 @@ pytestmark = pytest.mark.skipif(
 def samples() -> Batch:
     """A rest and the beginning of a repetition: every kind of step."""
     lift = lifts.bench(3, reps=1, rests=True)
-    return trace.first_steps(batch(*simulate(lift, 3)), STEPS)
+    return first_steps(batch(*simulate(lift, 3)), STEPS)
 
 
 @cache
@@ -64,6 +66,19 @@ def test_every_output_has_the_host_cores_bits() -> None:
     assert not found.stale_core, "the host core is of other sources: pip install -e ."
     assert found.comparison.first is None
     assert found.comparison.steps == STEPS - ALIGNMENT_STEPS
+
+
+def test_a_recording_comes_to_the_same_bits() -> None:
+    """What the leader was fed in a run, and what it was started with."""
+    fed, params = pil.recorded(RECORDINGS / "imu-rest")
+    found = assess(built(), first_steps(fed, 800), params)
+    assert found.comparison.first is None
+    assert found.comparison.steps > 500
+
+
+def test_a_recording_without_an_imu_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match="no recording at"):
+        pil.recorded(tmp_path)
 
 
 def test_the_firmwares_build_keeps_every_limit() -> None:
