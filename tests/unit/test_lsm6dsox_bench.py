@@ -8,9 +8,7 @@ the driver's thread, are this file: when the pin rises, what the bus costs, how 
 from __future__ import annotations
 
 import ctypes
-import shutil
 import struct
-import subprocess
 import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
@@ -21,6 +19,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+
+from tests.unit.native import USUAL, shared_library
 
 ROOT = Path(__file__).resolve().parents[2]
 DRIVER = ROOT / "firmware" / "drivers" / "lsm6dsox"
@@ -44,28 +44,8 @@ LOG_FIELDS = {SLOTS: 10, SAMPLES: 10, BATCHES: 5}
 
 @pytest.fixture(scope="module")
 def library(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
-    compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
-    assert compiler, "no C compiler found: install gcc or clang"
     output = tmp_path_factory.mktemp("lsm6dsox") / "bench.so"
-    subprocess.run(
-        [
-            compiler,
-            "-std=c11",
-            "-Wall",
-            "-Wextra",
-            "-O2",
-            "-shared",
-            "-fPIC",
-            f"-I{DRIVER}",
-            f"-I{WIRE}",
-            *map(str, SOURCES),
-            "-lm",
-            "-o",
-            str(output),
-        ],
-        check=True,
-    )
-    loaded = ctypes.CDLL(str(output))
+    loaded = shared_library(output, SOURCES, [DRIVER, WIRE], USUAL)
     loaded.shim_new.restype = ctypes.c_void_p
     loaded.shim_next_us.restype = ctypes.c_double
     loaded.shim_transfer.restype = ctypes.c_double

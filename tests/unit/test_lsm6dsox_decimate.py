@@ -7,13 +7,13 @@ The filter is the firmware's own C source, compiled by the host's compiler.
 from __future__ import annotations
 
 import ctypes
-import shutil
-import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+
+from tests.unit.native import USUAL, shared_library
 
 ROOT = Path(__file__).resolve().parents[2]
 IMU = ROOT / "firmware" / "lib" / "imu"
@@ -29,28 +29,8 @@ FACTORS = (2, 4, 8, 16)
 
 @pytest.fixture(scope="module")
 def library(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
-    compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
-    assert compiler, "no C compiler found: install gcc or clang"
     output = tmp_path_factory.mktemp("imu") / "decimate.so"
-    subprocess.run(
-        [
-            compiler,
-            "-std=c11",
-            "-Wall",
-            "-Wextra",
-            "-O1",
-            "-shared",
-            "-fPIC",
-            f"-I{IMU}",
-            f"-I{WIRE}",
-            str(IMU / "imu_decimate.c"),
-            str(SHIM),
-            "-o",
-            str(output),
-        ],
-        check=True,
-    )
-    loaded = ctypes.CDLL(str(output))
+    loaded = shared_library(output, [IMU / "imu_decimate.c", SHIM], [IMU, WIRE], USUAL)
     loaded.shim_new.restype = ctypes.c_void_p
     loaded.shim_rows.restype = ctypes.c_size_t
     return loaded

@@ -9,9 +9,7 @@ from __future__ import annotations
 import ctypes
 import itertools
 import os
-import shutil
 import struct
-import subprocess
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +19,8 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+
+from tests.unit.native import shared_library
 
 ROOT = Path(__file__).resolve().parents[2]
 DRIVER = ROOT / "firmware" / "drivers" / "lsm6dsox"
@@ -133,29 +133,8 @@ class Decoder:
 
 @pytest.fixture(scope="module")
 def library(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
-    compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
-    assert compiler, "no C compiler found: install gcc or clang"
     output = tmp_path_factory.mktemp("lsm6dsox") / "decoder.so"
-    subprocess.run(
-        [
-            compiler,
-            "-std=c11",
-            "-Wall",
-            "-Wextra",
-            "-Wconversion",
-            "-Werror",
-            "-O1",
-            "-shared",
-            "-fPIC",
-            f"-I{DRIVER}",
-            str(DRIVER / "lsm6dsox_decoder.c"),
-            str(SHIM),
-            "-o",
-            str(output),
-        ],
-        check=True,
-    )
-    loaded = ctypes.CDLL(str(output))
+    loaded = shared_library(output, [DRIVER / "lsm6dsox_decoder.c", SHIM], [DRIVER])
     loaded.shim_new.restype = ctypes.c_void_p
     return loaded
 

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import ctypes
 import os
-import shutil
-import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+
+from tests.unit.native import shared_library
 
 ROOT = Path(__file__).resolve().parents[2]
 DRIVER = ROOT / "firmware" / "drivers" / "lsm6dsox"
@@ -76,30 +76,8 @@ class Timing:
 
 @pytest.fixture(scope="module")
 def library(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
-    compiler = shutil.which("cc") or shutil.which("gcc") or shutil.which("clang")
-    assert compiler, "no C compiler found: install gcc or clang"
     output = tmp_path_factory.mktemp("lsm6dsox") / "timing.so"
-    subprocess.run(
-        [
-            compiler,
-            "-std=c11",
-            "-Wall",
-            "-Wextra",
-            "-Wconversion",
-            "-Werror",
-            "-O1",
-            "-shared",
-            "-fPIC",
-            f"-I{DRIVER}",
-            str(DRIVER / "lsm6dsox_timing.c"),
-            str(SHIM),
-            "-lm",
-            "-o",
-            str(output),
-        ],
-        check=True,
-    )
-    loaded = ctypes.CDLL(str(output))
+    loaded = shared_library(output, [DRIVER / "lsm6dsox_timing.c", SHIM], [DRIVER])
     loaded.shim_new.restype = ctypes.c_void_p
     loaded.lsm6dsox_timing_slot_ticks.restype = ctypes.c_uint64
     loaded.lsm6dsox_timing_slot_at.restype = ctypes.c_uint32
