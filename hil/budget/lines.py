@@ -494,6 +494,52 @@ LINES: Final[tuple[Line, ...]] = (
         (Case("always", _always, high=30.0),),
     ),
     Line(
+        "E1",
+        "steps whose outputs on the processor differ from the host core's in any bit",
+        "1",
+        "both use IEEE 754 single precision, the same order of operations and no contraction",
+        (Case("always", _always, high=0.0),),
+    ),
+    Line(
+        "E2",
+        "longest step with a rigid-body update and no other",
+        "instructions",
+        "what the product asks for; at 3 cycles each, 20000 * 3 = 60000 of the "
+        "64e6 / 416 = 153846 cycles between two samples",
+        (Case("always", _always, high=20_000.0),),
+    ),
+    Line(
+        "E3",
+        "longest step of any kind, cache off and no fetch overlapped",
+        "cycles",
+        "a step must end before the next sample: 64e6 / 416 = 153846; one third is left for the "
+        "radio and the drivers: 153846 * 2 / 3 = 102564",
+        (Case("always", _always, high=102_564.0),),
+    ),
+    Line(
+        "E4",
+        "share of the processor at 416 Hz, cache off",
+        "1",
+        "a fifth of 64 MHz, so that half is left in line F4 with radio and drivers: "
+        "0.2 * 64e6 / 416 = 30769 cycles a step on average",
+        (Case("always", _always, high=0.2),),
+    ),
+    Line(
+        "E5",
+        "bytes of stack below a step's caller, bound over all inputs",
+        "B",
+        "a third of the fusion thread's 6144 B: 6144 / 3 = 2048; the rest is the caller's, and "
+        "interrupts' frames of 104 B",
+        (Case("always", _always, high=2048.0),),
+    ),
+    Line(
+        "E6",
+        "functions of the heap in the linked program",
+        "1",
+        "the estimator has fixed sizes",
+        (Case("always", _always, high=0.0),),
+    ),
+    Line(
         "R1",
         "blocks missing from the recording, or a recording that was cut",
         "1",

@@ -10,17 +10,17 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.budget import Conditions, line
 from hil.build.sources import estimator_hash, project_root
 from hil.core import ESTIMATOR_SHA256
 from hil.errors import RigError
-from hil.measure import Measurement
+from hil.measure import Limits, Measurement
 from hil.parity import Batch, first_steps
 from hil.pil import kinds, trace
 from hil.pil.compare import Comparison, compare, host_outputs
 from hil.pil.cycles import CLOCK_HZ, Cost
 from hil.pil.emulator import TargetRun, run
 from hil.pil.image import Image, Progress, quiet
-from hil.pil.limits import limits
 from hil.pil.program import heap_functions
 from hil.pil.stack import step_bound_bytes
 from hil.reference.params import Params
@@ -133,6 +133,11 @@ def _model(costs: Sequence[Cost], estimated: NDArray[np.bool_]) -> Model:
     return Model(len(counted), total.cached / n, total.uncached / n, total.serial / n)
 
 
+def _limits(line_id: str) -> Limits:
+    """Of a line of the error budget that does not depend on the radio."""
+    return line(line_id).limits(Conditions(conn_interval_us=0.0))
+
+
 def measurements(found: Assessment) -> list[Measurement]:
     """The same as measurements; a kind of step that did not occur is unset."""
     target, model = found.run, found.model
@@ -146,7 +151,7 @@ def measurements(found: Assessment) -> list[Measurement]:
             "pil.divergent_steps",
             found.comparison.divergent,
             "1",
-            limits("E1"),
+            _limits("E1"),
             "E1",
             f"every output bit by bit against the host core {on}"
             + (f"; first at {first}" if first else "")
@@ -156,7 +161,7 @@ def measurements(found: Assessment) -> list[Measurement]:
             "pil.full_step_instructions_max",
             float(full.max()) if len(full) else None,
             "instructions",
-            limits("E2"),
+            _limits("E2"),
             "E2",
             f"prefilter, prediction, rigid-body update, detector; {len(full)} such steps {on}",
         ),
@@ -164,7 +169,7 @@ def measurements(found: Assessment) -> list[Measurement]:
             "pil.longest_step_cycles",
             longest * model.serial,
             "cycles",
-            limits("E3"),
+            _limits("E3"),
             "E3",
             f"{longest} instructions at {model.serial:.2f} cycles each, "
             f"model from {model.steps} traced steps",
@@ -174,7 +179,7 @@ def measurements(found: Assessment) -> list[Measurement]:
             "pil.load",
             load(found.mean_instructions, model.uncached),
             "1",
-            limits("E4"),
+            _limits("E4"),
             "E4",
             f"{found.mean_instructions:.0f} instructions a step, {model.uncached:.2f} cycles each, "
             "416 steps a second, 64 MHz",
@@ -194,7 +199,7 @@ def measurements(found: Assessment) -> list[Measurement]:
             "pil.step_stack_bound",
             found.stack_bound_bytes,
             "B",
-            limits("E5"),
+            _limits("E5"),
             "E5",
             "deepest path through the compiler's call graph; painted stack of the run: "
             f"{target.step_stack_bytes} B",
@@ -203,7 +208,7 @@ def measurements(found: Assessment) -> list[Measurement]:
             "pil.heap_functions",
             len(found.heap_functions),
             "1",
-            limits("E6"),
+            _limits("E6"),
             "E6",
             "allocators among the symbols of the linked program",
         ),
