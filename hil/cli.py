@@ -171,7 +171,7 @@ def pil(
 
     Exit 1 when a check fails.
 
-    Example: [bold]hil pil snatch fixtures/recordings/clean-7ms5[/bold]
+    Example: [bold]hil pil snatch fixtures/recordings/imu-rest[/bold]
     """
     from hil import pil as processor  # noqa: PLC0415
     from hil.pil import show  # noqa: PLC0415
