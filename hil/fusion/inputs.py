@@ -88,12 +88,12 @@ def _run(sent: NDArray[Any], raw: NDArray[Any], end: int, iir: bool) -> Run:
     rides = np.flatnonzero(~is_own)
     kept, step = arrivals(is_own)
     period = np.float32(sent["period_ticks"][0])
+    rate_hz = float(np.float32(SUBTICKS_PER_TICK * TICK_RATE_HZ) / period)
+    # At 12.5 and 26 Hz the usual cutoff would lie beyond half of the rate.
+    cutoff_hz = min(Params().cutoff_hz, rate_hz / 4.0)
     return Run(
         Batch(_take(everything, np.flatnonzero(is_own)), _take(everything, rides[kept]), step),
-        Params(
-            rate_hz=float(np.float32(SUBTICKS_PER_TICK * TICK_RATE_HZ) / period),
-            prefilter_iir=iir,
-        ),
+        Params(rate_hz=rate_hz, prefilter_iir=iir, cutoff_hz=cutoff_hz),
         int(sent["offset"][0]),
         end,
     )

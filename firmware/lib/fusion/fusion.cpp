@@ -23,6 +23,10 @@ Params<float> params_for(float rate_hz)
 	Params<float> params;
 
 	params.rate_hz = rate_hz;
+	// At 12.5 and 26 Hz the usual cutoff would lie beyond half of the rate.
+	if (params.cutoff_hz > rate_hz / 4.0f) {
+		params.cutoff_hz = rate_hz / 4.0f;
+	}
 	return params;
 }
 
