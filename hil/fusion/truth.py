@@ -17,12 +17,10 @@ from hil.motion.repetitions import truth as true_repetitions
 from hil.recording import Recording
 from hil.reference.attitude import matrix
 from hil.reference.estimator import Flag
+from hil.reference.study import STILL_SPEED_MPS
 from hil.timesync.analysis import Sync
 
 Float = NDArray[np.float64]
-
-STILL_SPEED_MPS = 0.01
-"""A zero-velocity update while either sensor truly moves faster than this is false."""
 
 
 @dataclass(frozen=True, eq=False)
