@@ -49,11 +49,12 @@ def measure(recording: Recording, sync: Sync) -> list[Measurement]:
     if not found:
         how = "no IMU batch in the leader's stream"
         return [judged("ekf.core_mismatches", math.nan, "K1", c, how)]
-    return [
-        *firmware(recording, found, c),
-        *reference(found[-1], c),
-        *truth(recording, sync, found[-1]),
-    ]
+    try:
+        repeated = [*firmware(recording, found, c), *reference(found[-1], c)]
+    except ValueError as error:
+        how = f"the batches in the leader's stream cannot be fed to the estimator: {error}"
+        repeated = [judged("ekf.core_mismatches", math.nan, "K1", c, how)]
+    return [*repeated, *truth(recording, sync, found[-1])]
 
 
 def firmware(recording: Recording, found: Sequence[Run], c: Conditions) -> list[Measurement]:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.motion.bar import Bar, at_point
-from hil.motion.lifts import Lift, named
+from hil.motion.lifts import LIFTS, Lift, named
 from hil.motion.repetitions import Concentric, concentrics, match
 from hil.motion.repetitions import truth as true_repetitions
 from hil.recording import Recording
@@ -53,7 +53,7 @@ class Judged:
 def lift_of(recording: Recording) -> tuple[Lift, float, bool] | None:
     """The lift of the scenario, when it began in true time, s, and whether it has rests."""
     motion = recording.provenance.scenario.get("motion") or {}
-    if "lift" not in motion:
+    if motion.get("lift") not in LIFTS:
         return None
     rests = bool(motion.get("rests", False))
     lift = named(str(motion["lift"]), int(motion.get("seed", 1)), rests)

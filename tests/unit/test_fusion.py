@@ -251,6 +251,23 @@ def test_no_frames_is_no_pass() -> None:
     assert judged(recording_of(b""))["ekf.core_mismatches"].verdict is Verdict.FAIL
 
 
+def test_batches_that_no_estimator_takes_are_a_failed_check_and_no_crash() -> None:
+    """Time that stands still within a start."""
+    line, (leader, _) = Line(), streams()
+    for first in (0, BATCH):
+        values = batch_values(leader, 0, first)
+        line.send("imu_batch", {**values, "t_first_ticks_node": 10**9})
+    found = judged(recording_of(line.data))["ekf.core_mismatches"]
+    assert found.verdict is Verdict.FAIL
+    assert "cannot be fed to the estimator" in found.how
+
+
+def test_a_motion_that_is_not_known_here_is_no_truth() -> None:
+    scenario = {**synthetic().provenance.scenario, "motion": {"lift": "cartwheel"}}
+    recording = recording_of(sent_batches() + frames_of(host()), scenario=scenario)
+    assert not any("velocity_rmse" in name for name in judged(recording))
+
+
 def test_nothing_is_expected_where_no_firmware_ran() -> None:
     assert judged(recording_of(sent_batches(), source="synthetic")) == {}
 
