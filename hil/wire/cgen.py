@@ -40,6 +40,10 @@ ENUMS: Final[Mapping[str, Mapping[str, int]]] = {
     "pulse_flag": table.PULSE_FLAGS,
     "imu_flag": table.IMU_FLAGS,
     "fault_code": table.FAULT_CODES,
+    "cal_origin": table.CAL_ORIGINS,
+    "cal_reason": table.CAL_REASONS,
+    "boot_check": table.BOOT_CHECKS,
+    "node_command": table.NODE_COMMANDS,
 }
 """Singular name of each set of named values; it becomes the prefix of the enumerators."""
 

@@ -115,6 +115,30 @@ IMU_FLAGS: Final[Mapping[str, int]] = {
     "hardware_time": 1,
     "overrun_before": 2,
     "clipped": 4,
+    "uncorrected": 8,
+}
+CAL_ORIGINS: Final[Mapping[str, int]] = {"defaults": 0, "stored": 1}
+CAL_REASONS: Final[Mapping[str, int]] = {
+    "none": 0,
+    "absent": 1,
+    "corrupt": 2,
+    "version": 3,
+    "other_device": 4,
+    "flash": 5,
+}
+BOOT_CHECKS: Final[Mapping[str, int]] = {
+    "pending": 0,
+    "applied": 1,
+    "warned": 2,
+    "refused": 3,
+    "moving": 4,
+}
+NODE_COMMANDS: Final[Mapping[str, int]] = {
+    "cal_read": 1,
+    "cal_erase": 2,
+    "raw_on": 3,
+    "raw_off": 4,
+    "reboot": 5,
 }
 FAULT_CODES: Final[Mapping[str, int]] = {
     "assert": 1,
@@ -127,6 +151,8 @@ FAULT_CODES: Final[Mapping[str, int]] = {
     "ppi_exhausted": 33,
     "command_refused": 34,
     "fusion_overrun": 35,
+    "cal_bias_refused": 48,
+    "cal_store": 49,
 }
 
 MESSAGES: Final[tuple[Message, ...]] = (
@@ -335,18 +361,18 @@ MESSAGES: Final[tuple[Message, ...]] = (
         "Which calibration is in force and what the boot check found.",
         (
             Field("t_ticks_node", "u64", "tick", "When decided.", clock="node"),
-            Field("origin", "u8", "1", "0 defaults, 1 stored, 2 stored with boot bias."),
-            Field(
-                "reason",
-                "u8",
-                "1",
-                "Why defaults: 0 none, 1 absent, 2 corrupt, 3 version, 4 other sensor.",
-            ),
-            Field("boot_check", "u8", "1", "0 pending, 1 silent, 2 warned, 3 refused, 4 moving."),
-            Field("ready", "u8", "1", "1 when samples leave corrected."),
+            Field("origin", "u8", "1", "A value of CAL_ORIGINS."),
+            Field("reason", "u8", "1", "Why defaults: a value of CAL_REASONS."),
+            Field("boot_check", "u8", "1", "A value of BOOT_CHECKS."),
+            Field("boot_attempts", "u8", "1", "Windows of stillness tried; 255: that or more."),
+            Field("ready", "u8", "1", "1 once the boot check has decided."),
+            Field("raw", "u8", "1", "1 while the host has the correction switched off."),
+            Field("record_crc32", "u32", "1", "CRC-32 of the record in force; 0 for defaults."),
+            Field("accel_bias_mps2", "f32", "m/s^2", "Bias in force.", count=3),
+            Field("accel_matrix", "f32", "1", "Correction in force, row by row.", count=9),
             Field("gyro_bias_radps", "f32", "rad/s", "Bias in force.", count=3),
             Field("boot_delta_dps", "f32", "dps", "Boot bias minus stored bias, magnitude."),
-            Field("temperature_cdegc", "i16", "degC", "Die temperature.", 0.01),
+            Field("temperature_cdegc", "i16", "degC", "Die temperature at the check.", 0.01),
         ),
     ),
     Message(
@@ -390,6 +416,25 @@ MESSAGES: Final[tuple[Message, ...]] = (
         15,
         "Host to node: end the BLE connection; the nodes then connect anew by themselves.",
         (Field("hold_ms", "u16", "ms", "How long this node stays away from the radio first."),),
+    ),
+    Message(
+        "cal_record",
+        16,
+        "A calibration. Host to node: store it. Node to host: what its store holds.",
+        (
+            Field("device_id", "u64", "1", "FICR DEVICEID of the node it was measured on."),
+            Field("created_unix_s", "u32", "s", "When it was measured.", clock="host"),
+            Field("temperature_cdegc", "i16", "degC", "Die temperature meanwhile.", 0.01),
+            Field("accel_bias_mps2", "f32", "m/s^2", "b in a = M (raw - b).", count=3),
+            Field("accel_matrix", "f32", "1", "M in a = M (raw - b), row by row.", count=9),
+            Field("gyro_bias_radps", "f32", "rad/s", "Subtracted from the raw rate.", count=3),
+        ),
+    ),
+    Message(
+        "node_command",
+        17,
+        "Host to node: do this now.",
+        (Field("command", "u8", "1", "A value of NODE_COMMANDS."),),
     ),
 )
 

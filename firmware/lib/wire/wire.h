@@ -20,7 +20,7 @@
 #include <string.h>
 
 #define WIRE_PROTOCOL_VERSION 1u
-#define WIRE_SCHEMA_HASH UINT64_C(0xB730E9E8CB9DF173)
+#define WIRE_SCHEMA_HASH UINT64_C(0x2F1ECAB6E3442A2C)
 #define WIRE_TICK_RATE_HZ 16000000u
 /* Size of the largest payload of all messages. */
 #define WIRE_MAX_PAYLOAD_SIZE 218u
@@ -51,6 +51,7 @@ enum {
 	WIRE_IMU_FLAG_HARDWARE_TIME = 1,
 	WIRE_IMU_FLAG_OVERRUN_BEFORE = 2,
 	WIRE_IMU_FLAG_CLIPPED = 4,
+	WIRE_IMU_FLAG_UNCORRECTED = 8,
 };
 
 enum {
@@ -64,6 +65,38 @@ enum {
 	WIRE_FAULT_CODE_PPI_EXHAUSTED = 33,
 	WIRE_FAULT_CODE_COMMAND_REFUSED = 34,
 	WIRE_FAULT_CODE_FUSION_OVERRUN = 35,
+	WIRE_FAULT_CODE_CAL_BIAS_REFUSED = 48,
+	WIRE_FAULT_CODE_CAL_STORE = 49,
+};
+
+enum {
+	WIRE_CAL_ORIGIN_DEFAULTS = 0,
+	WIRE_CAL_ORIGIN_STORED = 1,
+};
+
+enum {
+	WIRE_CAL_REASON_NONE = 0,
+	WIRE_CAL_REASON_ABSENT = 1,
+	WIRE_CAL_REASON_CORRUPT = 2,
+	WIRE_CAL_REASON_VERSION = 3,
+	WIRE_CAL_REASON_OTHER_DEVICE = 4,
+	WIRE_CAL_REASON_FLASH = 5,
+};
+
+enum {
+	WIRE_BOOT_CHECK_PENDING = 0,
+	WIRE_BOOT_CHECK_APPLIED = 1,
+	WIRE_BOOT_CHECK_WARNED = 2,
+	WIRE_BOOT_CHECK_REFUSED = 3,
+	WIRE_BOOT_CHECK_MOVING = 4,
+};
+
+enum {
+	WIRE_NODE_COMMAND_CAL_READ = 1,
+	WIRE_NODE_COMMAND_CAL_ERASE = 2,
+	WIRE_NODE_COMMAND_RAW_ON = 3,
+	WIRE_NODE_COMMAND_RAW_OFF = 4,
+	WIRE_NODE_COMMAND_REBOOT = 5,
 };
 
 static inline void wire_put_u8(uint8_t *buf, uint8_t value)
@@ -983,34 +1016,51 @@ static inline bool wire_attitude_get(struct wire_attitude *m, const uint8_t *buf
 
 /* Which calibration is in force and what the boot check found. */
 #define WIRE_CAL_STATUS_ID 11u
-#define WIRE_CAL_STATUS_SIZE 30u
+#define WIRE_CAL_STATUS_SIZE 84u
 #define WIRE_CAL_STATUS_T_TICKS_NODE_OFFSET 0u
 #define WIRE_CAL_STATUS_ORIGIN_OFFSET 8u
 #define WIRE_CAL_STATUS_REASON_OFFSET 9u
 #define WIRE_CAL_STATUS_BOOT_CHECK_OFFSET 10u
-#define WIRE_CAL_STATUS_READY_OFFSET 11u
-#define WIRE_CAL_STATUS_GYRO_BIAS_RADPS_OFFSET 12u
+#define WIRE_CAL_STATUS_BOOT_ATTEMPTS_OFFSET 11u
+#define WIRE_CAL_STATUS_READY_OFFSET 12u
+#define WIRE_CAL_STATUS_RAW_OFFSET 13u
+#define WIRE_CAL_STATUS_RECORD_CRC32_OFFSET 14u
+#define WIRE_CAL_STATUS_ACCEL_BIAS_MPS2_OFFSET 18u
+#define WIRE_CAL_STATUS_ACCEL_BIAS_MPS2_COUNT 3u
+#define WIRE_CAL_STATUS_ACCEL_MATRIX_OFFSET 30u
+#define WIRE_CAL_STATUS_ACCEL_MATRIX_COUNT 9u
+#define WIRE_CAL_STATUS_GYRO_BIAS_RADPS_OFFSET 66u
 #define WIRE_CAL_STATUS_GYRO_BIAS_RADPS_COUNT 3u
-#define WIRE_CAL_STATUS_BOOT_DELTA_DPS_OFFSET 24u
-#define WIRE_CAL_STATUS_TEMPERATURE_CDEGC_OFFSET 28u
+#define WIRE_CAL_STATUS_BOOT_DELTA_DPS_OFFSET 78u
+#define WIRE_CAL_STATUS_TEMPERATURE_CDEGC_OFFSET 82u
 #define WIRE_CAL_STATUS_TEMPERATURE_CDEGC_SCALE 0.01
 
 struct wire_cal_status {
 	/* When decided. [tick, node clock] */
 	uint64_t t_ticks_node;
-	/* 0 defaults, 1 stored, 2 stored with boot bias. [1] */
+	/* A value of CAL_ORIGINS. [1] */
 	uint8_t origin;
-	/* Why defaults: 0 none, 1 absent, 2 corrupt, 3 version, 4 other sensor. [1] */
+	/* Why defaults: a value of CAL_REASONS. [1] */
 	uint8_t reason;
-	/* 0 pending, 1 silent, 2 warned, 3 refused, 4 moving. [1] */
+	/* A value of BOOT_CHECKS. [1] */
 	uint8_t boot_check;
-	/* 1 when samples leave corrected. [1] */
+	/* Windows of stillness tried; 255: that or more. [1] */
+	uint8_t boot_attempts;
+	/* 1 once the boot check has decided. [1] */
 	uint8_t ready;
+	/* 1 while the host has the correction switched off. [1] */
+	uint8_t raw;
+	/* CRC-32 of the record in force; 0 for defaults. [1] */
+	uint32_t record_crc32;
+	/* Bias in force. [m/s^2] */
+	float accel_bias_mps2[3];
+	/* Correction in force, row by row. [1] */
+	float accel_matrix[9];
 	/* Bias in force. [rad/s] */
 	float gyro_bias_radps[3];
 	/* Boot bias minus stored bias, magnitude. [dps] */
 	float boot_delta_dps;
-	/* Die temperature. [0.01 degC] */
+	/* Die temperature at the check. [0.01 degC] */
 	int16_t temperature_cdegc;
 };
 
@@ -1020,7 +1070,18 @@ static inline size_t wire_cal_status_put(uint8_t *buf, const struct wire_cal_sta
 	wire_put_u8(buf + WIRE_CAL_STATUS_ORIGIN_OFFSET, m->origin);
 	wire_put_u8(buf + WIRE_CAL_STATUS_REASON_OFFSET, m->reason);
 	wire_put_u8(buf + WIRE_CAL_STATUS_BOOT_CHECK_OFFSET, m->boot_check);
+	wire_put_u8(buf + WIRE_CAL_STATUS_BOOT_ATTEMPTS_OFFSET, m->boot_attempts);
 	wire_put_u8(buf + WIRE_CAL_STATUS_READY_OFFSET, m->ready);
+	wire_put_u8(buf + WIRE_CAL_STATUS_RAW_OFFSET, m->raw);
+	wire_put_u32(buf + WIRE_CAL_STATUS_RECORD_CRC32_OFFSET, m->record_crc32);
+	for (size_t i = 0; i < WIRE_CAL_STATUS_ACCEL_BIAS_MPS2_COUNT; i++) {
+		wire_put_f32(buf + WIRE_CAL_STATUS_ACCEL_BIAS_MPS2_OFFSET + 4u * i,
+		    m->accel_bias_mps2[i]);
+	}
+	for (size_t i = 0; i < WIRE_CAL_STATUS_ACCEL_MATRIX_COUNT; i++) {
+		wire_put_f32(buf + WIRE_CAL_STATUS_ACCEL_MATRIX_OFFSET + 4u * i,
+		    m->accel_matrix[i]);
+	}
 	for (size_t i = 0; i < WIRE_CAL_STATUS_GYRO_BIAS_RADPS_COUNT; i++) {
 		wire_put_f32(buf + WIRE_CAL_STATUS_GYRO_BIAS_RADPS_OFFSET + 4u * i,
 		    m->gyro_bias_radps[i]);
@@ -1040,7 +1101,18 @@ static inline bool wire_cal_status_get(struct wire_cal_status *m, const uint8_t 
 	m->origin = wire_get_u8(buf + WIRE_CAL_STATUS_ORIGIN_OFFSET);
 	m->reason = wire_get_u8(buf + WIRE_CAL_STATUS_REASON_OFFSET);
 	m->boot_check = wire_get_u8(buf + WIRE_CAL_STATUS_BOOT_CHECK_OFFSET);
+	m->boot_attempts = wire_get_u8(buf + WIRE_CAL_STATUS_BOOT_ATTEMPTS_OFFSET);
 	m->ready = wire_get_u8(buf + WIRE_CAL_STATUS_READY_OFFSET);
+	m->raw = wire_get_u8(buf + WIRE_CAL_STATUS_RAW_OFFSET);
+	m->record_crc32 = wire_get_u32(buf + WIRE_CAL_STATUS_RECORD_CRC32_OFFSET);
+	for (size_t i = 0; i < WIRE_CAL_STATUS_ACCEL_BIAS_MPS2_COUNT; i++) {
+		m->accel_bias_mps2[i] =
+		    wire_get_f32(buf + WIRE_CAL_STATUS_ACCEL_BIAS_MPS2_OFFSET + 4u * i);
+	}
+	for (size_t i = 0; i < WIRE_CAL_STATUS_ACCEL_MATRIX_COUNT; i++) {
+		m->accel_matrix[i] =
+		    wire_get_f32(buf + WIRE_CAL_STATUS_ACCEL_MATRIX_OFFSET + 4u * i);
+	}
 	for (size_t i = 0; i < WIRE_CAL_STATUS_GYRO_BIAS_RADPS_COUNT; i++) {
 		m->gyro_bias_radps[i] =
 		    wire_get_f32(buf + WIRE_CAL_STATUS_GYRO_BIAS_RADPS_OFFSET + 4u * i);
@@ -1217,6 +1289,105 @@ static inline bool wire_link_drop_get(struct wire_link_drop *m, const uint8_t *b
 		return false;
 	}
 	m->hold_ms = wire_get_u16(buf + WIRE_LINK_DROP_HOLD_MS_OFFSET);
+	return true;
+}
+
+/* A calibration. Host to node: store it. Node to host: what its store holds. */
+#define WIRE_CAL_RECORD_ID 16u
+#define WIRE_CAL_RECORD_SIZE 74u
+#define WIRE_CAL_RECORD_DEVICE_ID_OFFSET 0u
+#define WIRE_CAL_RECORD_CREATED_UNIX_S_OFFSET 8u
+#define WIRE_CAL_RECORD_TEMPERATURE_CDEGC_OFFSET 12u
+#define WIRE_CAL_RECORD_TEMPERATURE_CDEGC_SCALE 0.01
+#define WIRE_CAL_RECORD_ACCEL_BIAS_MPS2_OFFSET 14u
+#define WIRE_CAL_RECORD_ACCEL_BIAS_MPS2_COUNT 3u
+#define WIRE_CAL_RECORD_ACCEL_MATRIX_OFFSET 26u
+#define WIRE_CAL_RECORD_ACCEL_MATRIX_COUNT 9u
+#define WIRE_CAL_RECORD_GYRO_BIAS_RADPS_OFFSET 62u
+#define WIRE_CAL_RECORD_GYRO_BIAS_RADPS_COUNT 3u
+
+struct wire_cal_record {
+	/* FICR DEVICEID of the node it was measured on. [1] */
+	uint64_t device_id;
+	/* When it was measured. [s, host clock] */
+	uint32_t created_unix_s;
+	/* Die temperature meanwhile. [0.01 degC] */
+	int16_t temperature_cdegc;
+	/* b in a = M (raw - b). [m/s^2] */
+	float accel_bias_mps2[3];
+	/* M in a = M (raw - b), row by row. [1] */
+	float accel_matrix[9];
+	/* Subtracted from the raw rate. [rad/s] */
+	float gyro_bias_radps[3];
+};
+
+static inline size_t wire_cal_record_put(uint8_t *buf, const struct wire_cal_record *m)
+{
+	wire_put_u64(buf + WIRE_CAL_RECORD_DEVICE_ID_OFFSET, m->device_id);
+	wire_put_u32(buf + WIRE_CAL_RECORD_CREATED_UNIX_S_OFFSET, m->created_unix_s);
+	wire_put_i16(buf + WIRE_CAL_RECORD_TEMPERATURE_CDEGC_OFFSET, m->temperature_cdegc);
+	for (size_t i = 0; i < WIRE_CAL_RECORD_ACCEL_BIAS_MPS2_COUNT; i++) {
+		wire_put_f32(buf + WIRE_CAL_RECORD_ACCEL_BIAS_MPS2_OFFSET + 4u * i,
+		    m->accel_bias_mps2[i]);
+	}
+	for (size_t i = 0; i < WIRE_CAL_RECORD_ACCEL_MATRIX_COUNT; i++) {
+		wire_put_f32(buf + WIRE_CAL_RECORD_ACCEL_MATRIX_OFFSET + 4u * i,
+		    m->accel_matrix[i]);
+	}
+	for (size_t i = 0; i < WIRE_CAL_RECORD_GYRO_BIAS_RADPS_COUNT; i++) {
+		wire_put_f32(buf + WIRE_CAL_RECORD_GYRO_BIAS_RADPS_OFFSET + 4u * i,
+		    m->gyro_bias_radps[i]);
+	}
+	return WIRE_CAL_RECORD_SIZE;
+}
+
+static inline bool wire_cal_record_get(struct wire_cal_record *m, const uint8_t *buf,
+					size_t len)
+{
+	if (len != WIRE_CAL_RECORD_SIZE) {
+		return false;
+	}
+	m->device_id = wire_get_u64(buf + WIRE_CAL_RECORD_DEVICE_ID_OFFSET);
+	m->created_unix_s = wire_get_u32(buf + WIRE_CAL_RECORD_CREATED_UNIX_S_OFFSET);
+	m->temperature_cdegc = wire_get_i16(buf + WIRE_CAL_RECORD_TEMPERATURE_CDEGC_OFFSET);
+	for (size_t i = 0; i < WIRE_CAL_RECORD_ACCEL_BIAS_MPS2_COUNT; i++) {
+		m->accel_bias_mps2[i] =
+		    wire_get_f32(buf + WIRE_CAL_RECORD_ACCEL_BIAS_MPS2_OFFSET + 4u * i);
+	}
+	for (size_t i = 0; i < WIRE_CAL_RECORD_ACCEL_MATRIX_COUNT; i++) {
+		m->accel_matrix[i] =
+		    wire_get_f32(buf + WIRE_CAL_RECORD_ACCEL_MATRIX_OFFSET + 4u * i);
+	}
+	for (size_t i = 0; i < WIRE_CAL_RECORD_GYRO_BIAS_RADPS_COUNT; i++) {
+		m->gyro_bias_radps[i] =
+		    wire_get_f32(buf + WIRE_CAL_RECORD_GYRO_BIAS_RADPS_OFFSET + 4u * i);
+	}
+	return true;
+}
+
+/* Host to node: do this now. */
+#define WIRE_NODE_COMMAND_ID 17u
+#define WIRE_NODE_COMMAND_SIZE 1u
+#define WIRE_NODE_COMMAND_COMMAND_OFFSET 0u
+
+struct wire_node_command {
+	/* A value of NODE_COMMANDS. [1] */
+	uint8_t command;
+};
+
+static inline size_t wire_node_command_put(uint8_t *buf, const struct wire_node_command *m)
+{
+	wire_put_u8(buf + WIRE_NODE_COMMAND_COMMAND_OFFSET, m->command);
+	return WIRE_NODE_COMMAND_SIZE;
+}
+
+static inline bool wire_node_command_get(struct wire_node_command *m, const uint8_t *buf,
+					size_t len)
+{
+	if (len != WIRE_NODE_COMMAND_SIZE) {
+		return false;
+	}
+	m->command = wire_get_u8(buf + WIRE_NODE_COMMAND_COMMAND_OFFSET);
 	return true;
 }
 

@@ -18,6 +18,8 @@
 	X(system, SYSTEM)                                                                          \
 	X(fault, FAULT)                                                                            \
 	X(imu_setup, IMU_SETUP)                                                                    \
-	X(link_drop, LINK_DROP)
+	X(link_drop, LINK_DROP)                                                                    \
+	X(cal_record, CAL_RECORD)                                                                  \
+	X(node_command, NODE_COMMAND)
 
 #endif /* MESSAGES_H_ */
