@@ -423,7 +423,7 @@ MESSAGES: Final[tuple[Message, ...]] = (
         "A calibration. Host to node: store it. Node to host: what its store holds.",
         (
             Field("device_id", "u64", "1", "FICR DEVICEID of the node it was measured on."),
-            Field("created_unix_s", "u32", "s", "When it was measured.", clock="host"),
+            Field("created_unix_s", "u32", "s", "When it was measured, Unix time."),
             Field("temperature_cdegc", "i16", "degC", "Die temperature meanwhile.", 0.01),
             Field("accel_bias_mps2", "f32", "m/s^2", "b in a = M (raw - b).", count=3),
             Field("accel_matrix", "f32", "1", "M in a = M (raw - b), row by row.", count=9),

@@ -20,7 +20,7 @@
 #include <string.h>
 
 #define WIRE_PROTOCOL_VERSION 1u
-#define WIRE_SCHEMA_HASH UINT64_C(0x2F1ECAB6E3442A2C)
+#define WIRE_SCHEMA_HASH UINT64_C(0xEE9FE9AD5B5B3968)
 #define WIRE_TICK_RATE_HZ 16000000u
 /* Size of the largest payload of all messages. */
 #define WIRE_MAX_PAYLOAD_SIZE 218u
@@ -1309,7 +1309,7 @@ static inline bool wire_link_drop_get(struct wire_link_drop *m, const uint8_t *b
 struct wire_cal_record {
 	/* FICR DEVICEID of the node it was measured on. [1] */
 	uint64_t device_id;
-	/* When it was measured. [s, host clock] */
+	/* When it was measured, Unix time. [s] */
 	uint32_t created_unix_s;
 	/* Die temperature meanwhile. [0.01 degC] */
 	int16_t temperature_cdegc;
