@@ -25,6 +25,7 @@
 
 #include "chip.h"
 #include "fault.h"
+#include "hands.h"
 #include "motion.h"
 
 #define OVERRUN_WORDS       64
@@ -39,6 +40,7 @@
 static struct {
 	struct chip *chip;
 	struct motion *motion;
+	struct hands *hands;
 	struct faults faults;
 	double faults_from_s;
 	struct lsm6dsox_model_slot history[LSM6DSOX_MODEL_HISTORY];
@@ -72,6 +74,7 @@ static bs_time_t sample_timer = TIME_NEVER;
 
 static struct {
 	char *motion;
+	char *hands;
 	char *truth;
 	char *edges;
 	char *stats;
@@ -133,11 +136,23 @@ static double random_normal(void)
 
 /* --- what the chip asks for ------------------------------------------------------------------ */
 
+static void ask_hands(double t_s, struct chip_motion *at)
+{
+	const char *bad = hands_at(model.hands, t_s, at);
+
+	if (bad != NULL) {
+		bs_trace_error_time_line("-imu_hands=%s: not seven numbers: %s\n", option.hands,
+					 bad);
+	}
+}
+
 static void motion_now(void *context, long double t_us_true, struct chip_motion *at)
 {
 	(void)context;
 	if (model.is_held) {
 		*at = model.held;
+	} else if (model.hands != NULL) {
+		ask_hands((double)(t_us_true * 1e-6L), at);
 	} else if (model.motion != NULL) {
 		motion_at(model.motion, (double)(t_us_true * 1e-6L), at);
 	}
@@ -418,6 +433,8 @@ static void register_options(void)
 	static bs_args_struct_t options[] = {
 		{.option = "imu_motion", .name = "file", .type = 's', .dest = &option.motion,
 		 .descript = "LSM6DSOX: motion to play"},
+		{.option = "imu_hands", .name = "pipe", .type = 's', .dest = &option.hands,
+		 .descript = "LSM6DSOX: held and turned by whoever writes to this pipe"},
 		{.is_switch = true, .option = "imu_pattern", .type = 'b', .dest = &option.pattern,
 		 .descript = "LSM6DSOX: samples carry their slot number instead of motion"},
 		{.option = "imu_noise", .name = "A:G", .type = 's', .dest = &option.noise,
@@ -485,6 +502,20 @@ static void read_motion(void)
 	}
 }
 
+static void take_hands(void)
+{
+	static const struct chip_motion flat = {.accel_mps2 = {0.0, 0.0, 9.80665}};
+	char problem[256];
+
+	if (option.hands == NULL) {
+		return;
+	}
+	model.hands = hands_open(option.hands, &flat, problem, sizeof(problem));
+	if (model.hands == NULL) {
+		bs_trace_error_line("-imu_hands=%s: %s\n", option.hands, problem);
+	}
+}
+
 static void open_files(void)
 {
 	uint8_t header[16] = "BVIMUTRU";
@@ -520,6 +551,7 @@ static void model_init(void)
 	model.random = UINT64_C(0x9E3779B97F4A7C15) ^ ((uint64_t)option.seed << 1);
 	read_noise();
 	read_motion();
+	take_hands();
 	open_files();
 	model.chip = chip_new(&config);
 	if (model.chip == NULL) {
@@ -564,6 +596,8 @@ static void model_end(void)
 	model.chip = NULL;
 	motion_free(model.motion);
 	model.motion = NULL;
+	hands_close(model.hands);
+	model.hands = NULL;
 }
 
 NSI_TASK(model_end, ON_EXIT_PRE, 200);

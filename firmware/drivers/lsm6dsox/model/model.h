@@ -9,6 +9,7 @@
  * Options of the executable:
  *
  *   -imu_motion=FILE         motion to play, see motion.h; without it the chip lies flat
+ *   -imu_hands=PIPE          held and turned by whoever writes to this pipe, see hands.h
  *   -imu_pattern             each sample carries its slot number instead of motion
  *   -imu_noise=A:G           white noise added to each sample: m/s^2 and rad/s, rms
  *   -imu_seed=N              of the noise and of the random faults
