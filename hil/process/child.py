@@ -13,7 +13,7 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Self
@@ -23,13 +23,15 @@ from hil.errors import HilError, RigError
 TRAMPOLINE = Path(__file__).with_name("trampoline.py")
 LINES_KEPT = 4000
 STOP_GRACE_S = 2.0
+BYTES_AT_ONCE = 1 << 20
 
 
 class Child:
     """A program started in a process group of its own; a context manager that ends the group.
 
     Standard output and error are read together, line by line, by a thread; a carriage return
-    ends a line like a newline does.
+    ends a line like a newline does. A program whose standard output is data, not text, is given
+    ``on_bytes``; the lines are then those of its standard error alone.
 
     Args:
         argv: program and arguments. The program is a path or is found on ``PATH``.
@@ -37,6 +39,9 @@ class Child:
         cwd: working folder.
         env: the whole environment; the caller's own by default.
         core: CPU to pin it to.
+        on_bytes: called, in a thread of its own, with each piece of standard output. After an
+            exception of its own it is called no more, and ``refusal`` holds the exception.
+        hold_input: standard input is a pipe for :meth:`send`, not empty.
         error: raised when the program is not there.
         mend: how to get it when it is not there.
 
@@ -52,6 +57,8 @@ class Child:
         cwd: Path | None = None,
         env: Mapping[str, str] | None = None,
         core: int | None = None,
+        on_bytes: Callable[[bytes], None] | None = None,
+        hold_input: bool = False,
         error: type[HilError] = RigError,
         mend: str = "",
     ) -> None:
@@ -65,6 +72,7 @@ class Child:
         if cwd is not None and not cwd.is_dir():
             raise error(f"{name}: there is no folder {cwd} to run it in", mend)
         self.lines: deque[str] = deque(maxlen=LINES_KEPT)
+        self.refusal: Exception | None = None
         self._fresh: queue.SimpleQueue[str | None] = queue.SimpleQueue()
         self._popen = subprocess.Popen(
             [
@@ -72,18 +80,21 @@ class Child:
                 *(str(os.getpid()), "-" if core is None else str(core)),
                 *(os.path.abspath(program), *self.argv[1:]),
             ],
-            stdin=subprocess.DEVNULL,
+            stdin=subprocess.PIPE if hold_input else subprocess.DEVNULL,
             stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
+            stderr=subprocess.STDOUT if on_bytes is None else subprocess.PIPE,
             cwd=cwd,
             env=None if env is None else dict(env),
             start_new_session=True,
         )
         assert self._popen.stdout is not None
-        self._reader = threading.Thread(
-            target=self._read, args=(self._popen.stdout,), name=f"output of {name}", daemon=True
-        )
-        self._reader.start()
+        self._readers: list[threading.Thread] = []
+        if on_bytes is None:
+            self._start_reader(self._read, self._popen.stdout)
+        else:
+            assert self._popen.stderr is not None
+            self._start_reader(self._read, self._popen.stderr)
+            self._start_reader(self._pass_on, self._popen.stdout, on_bytes)
 
     def __enter__(self) -> Self:
         return self
@@ -115,6 +126,20 @@ class Child:
         except queue.Empty:
             raise TimeoutError from None
 
+    def send(self, data: bytes) -> None:
+        """Write to the program's standard input; a program that has gone hears nothing.
+
+        Raises:
+            TypeError: the program was started without ``hold_input``.
+        """
+        if self._popen.stdin is None:
+            raise TypeError("the program was started without an input")
+        if self._popen.stdin.closed:
+            return
+        with contextlib.suppress(BrokenPipeError):
+            self._popen.stdin.write(data)
+            self._popen.stdin.flush()
+
     def exit_status(self) -> int | None:
         """None while it runs; else its exit status, negative for the signal that killed it."""
         if self._popen.returncode is None and self._has_ended():
@@ -145,7 +170,10 @@ class Child:
         if self.exit_status() is None:
             self._signal(signal.SIGKILL)
             self._popen.wait()
-        self._reader.join(timeout=STOP_GRACE_S)
+        if self._popen.stdin is not None:
+            with contextlib.suppress(BrokenPipeError):
+                self._popen.stdin.close()
+        self._join_readers()
         assert self._popen.returncode is not None
         return self._popen.returncode
 
@@ -153,9 +181,20 @@ class Child:
         """The last ``count`` lines of output, indented for a message."""
         # What was written just before the end is on its way through the reading thread.
         if self._popen.returncode is not None:
-            self._reader.join(timeout=STOP_GRACE_S)
+            self._join_readers()
         lines = [line for line in self.lines if line.strip()][-count:]
         return "\n".join(f"    {line}" for line in lines) or "    (it said nothing)"
+
+    def _start_reader(self, target: Callable[..., None], *args: object) -> None:
+        thread = threading.Thread(
+            target=target, args=args, name=f"output of {self.name}", daemon=True
+        )
+        self._readers.append(thread)
+        thread.start()
+
+    def _join_readers(self) -> None:
+        for thread in self._readers:
+            thread.join(timeout=STOP_GRACE_S)
 
     def _has_ended(self) -> bool:
         options = os.WEXITED | os.WNOHANG | os.WNOWAIT
@@ -177,6 +216,16 @@ class Child:
         if rest:
             self._keep(rest)
         self._fresh.put(None)
+
+    def _pass_on(self, stream: IO[bytes], on_bytes: Callable[[bytes], None]) -> None:
+        with stream:
+            while piece := os.read(stream.fileno(), BYTES_AT_ONCE):
+                if self.refusal is None:
+                    try:
+                        on_bytes(piece)
+                    except Exception as refusal:
+                        # Read on: a program that cannot write would never end.
+                        self.refusal = refusal
 
     def _keep(self, line: bytes) -> None:
         text = line.decode("utf-8", "replace")

@@ -147,6 +147,45 @@ def test_a_polite_stop_lets_the_program_finish(tmp_path: Path) -> None:
     assert mark.exists()
 
 
+EVERY_BYTE = "import sys; [sys.stdout.buffer.write(bytes(range(256))) for _ in range(4096)]"
+
+
+def test_binary_output_is_passed_on_byte_for_byte_apart_from_what_the_program_says() -> None:
+    got = bytearray()
+    code = EVERY_BYTE + "; print('done', file=sys.stderr)"
+    with Child([sys.executable, "-c", code], name="x", on_bytes=got.extend) as child:
+        assert child.next_line(10) == "done"
+        assert child.wait(10) == 0
+        child.stop()
+    assert got == bytes(range(256)) * 4096
+    assert list(child.lines) == ["done"]
+
+
+def test_binary_output_is_streamed_and_a_program_can_be_told_to_end() -> None:
+    got: list[bytes] = []
+    with Child(["cat"], name="cat", on_bytes=got.append, hold_input=True) as child:
+        child.send(b"\x00\xff")
+        until(lambda: b"".join(got) == b"\x00\xff")
+        child.send(b"\n")
+        until(lambda: b"".join(got) == b"\x00\xff\n")
+        child.stop()
+
+
+def test_a_sink_that_fails_is_told_and_does_not_hang_the_program() -> None:
+    def refuse(_: bytes) -> None:
+        raise OSError("disk full")
+
+    with Child([sys.executable, "-c", EVERY_BYTE], name="x", on_bytes=refuse) as child:
+        assert child.wait(10) == 0
+        child.stop()
+    assert str(child.refusal) == "disk full"
+
+
+def test_a_program_without_input_cannot_be_told_anything() -> None:
+    with Child(["sleep", "10"], name="x") as child, pytest.raises(TypeError, match="input"):
+        child.send(b"q")
+
+
 def test_pinning_to_a_core() -> None:
     core = max(os.sched_getaffinity(0))
     code = "import os; print(os.sched_getaffinity(0))"
