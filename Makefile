@@ -18,7 +18,8 @@ help:
 	@echo "make sim      build the firmware and run the suite live on the simulated radio"
 	@echo "make clean    remove what the build made"
 
-CORE := $(wildcard hil/core/CMakeLists.txt hil/core/*.cpp firmware/lib/estimator/*.?pp)
+CORE := $(wildcard hil/core/CMakeLists.txt hil/core/*.?pp firmware/lib/estimator/*.?pp \
+  firmware/lib/calib/*.?pp)
 
 $(VENV)/ready: pyproject.toml ci/debian-packages ci/packages.txt $(CORE)
 	bash ci/debian-packages base

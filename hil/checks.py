@@ -10,11 +10,12 @@ from __future__ import annotations
 from typing import Final
 
 from hil import fusion, imu, link, timesync
+from hil.calibration import measures as calibration
 from hil.measure import Measurement
 from hil.recording import Recording
 from hil.series import Series
 
-SUITES: Final = ("sync", "link", "imu", "fifo", "ekf")
+SUITES: Final = ("sync", "link", "imu", "fifo", "cal", "ekf")
 
 
 def evaluate(recording: Recording) -> list[Measurement]:
@@ -30,6 +31,7 @@ def evaluate_suites(recording: Recording) -> dict[str, list[Measurement]]:
         "link": link.measure(recording, sync.conditions),
         "imu": imu.measure(recording, sync),
         "fifo": imu.measure_fifo(recording, sync),
+        "cal": calibration.measure(recording, sync.conditions),
         "ekf": fusion.measure(recording, sync),
     }
 

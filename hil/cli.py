@@ -6,14 +6,17 @@ from __future__ import annotations
 import enum
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from hil.bench import cli as bench_cli
+
 if TYPE_CHECKING:
     from hil.backends import Progress
+    from hil.build import BabbleSim, Manifest
     from hil.recording import Recording
 
 app = typer.Typer(
@@ -157,6 +160,85 @@ def report(
 
 
 @app.command()
+def calibrate(
+    *,
+    role: Annotated[Role, typer.Option(help="Which unit.")],
+    port: Annotated[
+        str | None, typer.Option(help="Its serial port (default: as boards/bench.toml says).")
+    ] = None,
+    board: Annotated[Board, typer.Option(help="Where the unit is.")] = Board.BENCH,
+    poses: Annotated[
+        int, typer.Option(min=6, max=24, help="From 9 on the skew of the axes is fitted, too.")
+    ] = 6,
+    rest_s: Annotated[
+        float, typer.Option("--rest", min=5.0, max=3600.0, help="Rest of the gyroscope, s.")
+    ] = 60.0,
+    gravity_mps2: Annotated[
+        float, typer.Option("--gravity", min=9.76, max=9.84, help="At this place, m/s^2.")
+    ] = 9.80665,
+    source: Annotated[
+        Path | None, typer.Option("--from", help="Write this record instead of measuring.")
+    ] = None,
+    to_defaults: Annotated[
+        Path | None,
+        typer.Option(help="Write a Kconfig fragment here instead of writing to the unit."),
+    ] = None,
+    dry_run: Annotated[bool, typer.Option(help="Measure and show; write nothing.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Write without asking.")] = False,
+    folder: Annotated[Path, typer.Option(help="Where records are kept.")] = Path("calibrations"),
+    seed: Annotated[int, typer.Option(help="Which chip the simulated unit has.")] = 1,
+    speed: Annotated[
+        float, typer.Option(min=0.0, help="Pace of the simulated unit; 0: as fast as it goes.")
+    ] = 5.0,
+    workspace: WorkspaceOption = None,
+) -> None:
+    """Calibrate a unit's sensor: six faces, a rest, then write, read back, reset and confirm.
+
+    With --from and --to-defaults together no unit is needed.
+
+    Example: [bold]hil calibrate --role leader --board sim --dry-run[/bold]
+    """
+    from rich.console import Console  # noqa: PLC0415
+
+    from hil import units  # noqa: PLC0415
+    from hil.calibration.record import load  # noqa: PLC0415
+    from hil.calibration.tool import command, guide  # noqa: PLC0415
+
+    screen = command.screen_on(Console(), yes)
+    if source is not None and to_defaults is not None:
+        command.write_defaults(load(source), to_defaults, screen)
+        return
+    with ExitStack() as stack:
+        if port is not None:
+            reached = stack.enter_context(units.at_port(port))
+        elif board is Board.SIM:
+            image, babblesim = _image_for_sim(role, workspace)
+            reached = stack.enter_context(units.simulated(image, babblesim, seed=seed, speed=speed))
+            screen.say(reached.note, "cyan")
+        else:
+            reached = stack.enter_context(units.on_bench(role.value, bench_cli.DEFAULT_FILE))
+        command.calibrate(
+            reached.port,
+            role.value,
+            guide.Plan(poses, rest_s, gravity_mps2),
+            screen,
+            helper=reached.helper,
+            source=source,
+            to_defaults=to_defaults,
+            folder=folder,
+            dry_run=dry_run,
+        )
+
+
+def _image_for_sim(role: Role, workspace: Path | None) -> tuple[Manifest, BabbleSim]:
+    from hil import build as orchestrator  # noqa: PLC0415
+
+    with _progress(f"building {role} for sim") as progress:
+        image = orchestrator.build(role.value, "sim", workspace=workspace, progress=progress)
+    return image, orchestrator.find_babblesim(orchestrator.find_workspace(workspace))
+
+
+@app.command()
 def pil(
     inputs: Annotated[
         list[str] | None,
@@ -243,6 +325,10 @@ def _progress(title: str) -> Iterator[Progress]:
             bar.update(task, completed=share, what=what)
 
         yield update
+
+
+app.add_typer(bench_cli.app)
+app.command()(bench_cli.doctor)
 
 
 def main() -> None:

@@ -10,6 +10,7 @@ from typing import Any, Final
 import numpy as np
 
 from hil.budget import Conditions, judged
+from hil.calibration.measures import REFUSE_DPS
 from hil.measure import Measurement
 from hil.recording import Recording
 from hil.streams import ROLES, decoded, frames, last_value, seen_t_ns_bench
@@ -202,6 +203,9 @@ def restarts(recording: Recording, role: str, c: Conditions) -> Measurement:
 def faults(recording: Recording, role: str, c: Conditions) -> Measurement:
     """FAULT frames of a node."""
     sent = frames(recording, role, "fault")
+    made = [FAULT_CODES[name] for name in made_to_fault(recording, role)]
+    of_scenario = np.isin(sent["code"], made)
+    sent = sent[~of_scenario]
     heard = decoded(recording, role).stats.frames
     names = {number: name for name, number in FAULT_CODES.items()}
     shown = [
@@ -217,9 +221,18 @@ def faults(recording: Recording, role: str, c: Conditions) -> Measurement:
         float(sent.size) if heard else math.nan,
         "L1",
         c,
-        f"FAULT frames among {heard} frames of the {role}",
+        f"FAULT frames among {heard} frames of the {role}"
+        + (f"; {int(of_scenario.sum())} more that the scenario is there for" if made else ""),
         details={"first": shown},
     )
+
+
+def made_to_fault(recording: Recording, role: str) -> list[str]:
+    """FAULT codes that a node must send because of what its scenario stored in its flash."""
+    node = recording.provenance.scenario.get("nodes", {}).get(role, {})
+    offset_dps = node.get("calibration", {}).get("gyro_offset_dps", [0.0, 0.0, 0.0])
+    refused = float(np.linalg.norm(offset_dps)) > REFUSE_DPS
+    return ["cal_bias_refused"] if refused else []
 
 
 def silence(recording: Recording, role: str, c: Conditions) -> Measurement:

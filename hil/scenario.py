@@ -21,6 +21,9 @@ Example::
     odr_error = -0.068
     faults = [{ kind = "overrun", at_s = 20.0 }]
 
+    [nodes.leader.calibration]   # what its flash holds when it starts
+    gyro_offset_dps = [0.5, 0.0, 0.0]
+
     [motion]                     # what the bar does: a lift of hil.motion.lifts
     lift = "bench"
     seed = 3
@@ -105,13 +108,15 @@ class ImuScenario:
 class Motion:
     """What the simulated bar does: a lift, from ``start_s`` of true time on.
 
-    ``rests`` puts the bar down between repetitions, in the lifts that know both ways.
+    ``rests`` puts the bar down between repetitions, in the lifts that know both ways. For the
+    first ``handled_s`` somebody has the bar in hand: it is not still while the nodes start.
     """
 
     lift: str
     seed: int = 1
     rests: bool = False
     start_s: float = 3.0
+    handled_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -123,8 +128,18 @@ class LinkDrop:
 
 
 @dataclass(frozen=True)
+class StoredCalibration:
+    """What a simulated node's flash holds when it starts: its own chip's true errors.
+
+    The gyroscope's bias is off by ``gyro_offset_dps``, as after months or a change of temperature.
+    """
+
+    gyro_offset_dps: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
 class NodeScenario:
-    """One node: its simulated crystal and its IMU.
+    """One node: its simulated crystal, its IMU and, if it has one, its stored calibration.
 
     ``start_offset_us`` is how far the node's local time lags true time at true time zero.
     """
@@ -133,6 +148,7 @@ class NodeScenario:
     start_offset_us: int = 0
     wander: tuple[Wander, ...] = ()
     imu: ImuScenario = field(default_factory=ImuScenario)
+    calibration: StoredCalibration | None = None
 
 
 @dataclass(frozen=True)
@@ -260,6 +276,7 @@ def to_mapping(scenario: Scenario) -> dict[str, Any]:
                     for w in node.wander
                 ],
                 "imu": _plain(node.imu),
+                **({"calibration": _calibration_mapping(node)} if node.calibration else {}),
             }
             for role, node in scenario.nodes.items()
         },
@@ -276,7 +293,10 @@ def to_mapping(scenario: Scenario) -> dict[str, Any]:
 def _node(data: Mapping[str, Any], where: str) -> NodeScenario:
     _check(
         data,
-        {"drift_ppm": (int, float), "start_offset_us": int, "wander": list, "imu": dict},
+        {
+            **{"drift_ppm": (int, float), "start_offset_us": int, "wander": list},
+            **{"imu": dict, "calibration": dict},
+        },
         where,
     )
     for term in data.get("wander", ()):
@@ -292,7 +312,25 @@ def _node(data: Mapping[str, Any], where: str) -> NodeScenario:
         start_offset_us=data.get("start_offset_us", 0),
         wander=tuple(Wander(**term) for term in data.get("wander", ())),
         imu=_imu(data.get("imu", {}), f"{where}.imu"),
+        calibration=_calibration(data, f"{where}.calibration"),
     )
+
+
+def _calibration(node: Mapping[str, Any], where: str) -> StoredCalibration | None:
+    if "calibration" not in node:
+        return None
+    data = node["calibration"]
+    _check(data, {"gyro_offset_dps": list}, where)
+    offset = data.get("gyro_offset_dps", [0.0, 0.0, 0.0])
+    if len(offset) != 3 or not all(type(value) in (int, float) for value in offset):
+        raise ScenarioError(f"{where}: gyro_offset_dps needs three numbers: x, y, z")
+    x, y, z = map(float, offset)
+    return StoredCalibration((x, y, z))
+
+
+def _calibration_mapping(node: NodeScenario) -> dict[str, Any]:
+    assert node.calibration is not None
+    return {"gyro_offset_dps": list(node.calibration.gyro_offset_dps)}
 
 
 def _imu(data: Mapping[str, Any], where: str) -> ImuScenario:
@@ -328,7 +366,9 @@ def _imu_fault(data: Mapping[str, Any], where: str) -> ImuFault:
 
 
 def _motion(data: Mapping[str, Any], where: str) -> Motion:
-    _check(data, {"lift": str, "seed": int, "rests": bool, "start_s": (int, float)}, where)
+    number = (int, float)
+    known = {"lift": str, "seed": int, "rests": bool, "start_s": number, "handled_s": number}
+    _check(data, known, where)
     if "lift" not in data:
         raise ScenarioError(f"{where}: 'lift' is missing", 'add: lift = "bench"')
     return Motion(**data)

@@ -5,8 +5,11 @@ from __future__ import annotations
 
 import importlib.metadata
 import platform
+import tempfile
 import time
-from collections.abc import Mapping
+import uuid
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -14,9 +17,11 @@ from hil import build
 from hil.backends import Progress
 from hil.build import BabbleSim, Manifest
 from hil.errors import RigError
+from hil.process import Guard
 from hil.recording import Event, Provenance, Recording, Writer, load
 from hil.scenario import Scenario, to_mapping
 from hil.simulator import Session
+from hil.simulator.preload import store
 
 BUILD_SHARE = 0.4
 """Share of the progress shown that building takes, when there is something to build."""
@@ -66,10 +71,29 @@ class SimBackend:
         executables = {role: executable(image) for role, image in images.items()}
         with (
             Writer(output, provenance(scenario, images, babblesim)) as writer,
-            Session(babblesim, executables, scenario, self._stall_limit_s) as session,
+            _calibrated(scenario, executables, babblesim) as flash,
+            Session(babblesim, executables, scenario, self._stall_limit_s, flash) as session,
         ):
             _record(session, scenario, writer, progress)
         return load(output)
+
+
+@contextmanager
+def _calibrated(
+    scenario: Scenario, executables: Mapping[str, Path], babblesim: BabbleSim
+) -> Iterator[dict[str, Path]]:
+    """The flash of each node that has a stored calibration."""
+    roles = [role for role in executables if scenario.node(role).calibration]
+    if not roles:
+        yield {}
+        return
+    with Guard() as guard:
+        folder = Path(tempfile.gettempdir()) / f"hil-flash-{uuid.uuid4().hex[:12]}"
+        guard.watch_folder(folder)
+        folder.mkdir(mode=0o700)
+        for role in roles:
+            store(babblesim, executables[role], scenario, role, folder / f"{role}.flash")
+        yield {role: folder / f"{role}.flash" for role in roles}
 
 
 def _record(session: Session, scenario: Scenario, writer: Writer, progress: Progress) -> None:

@@ -412,6 +412,36 @@ LINES: Final[tuple[Line, ...]] = (
         (Case("always", _always, high=1.0),),
     ),
     Line(
+        "C1",
+        "from a node's first sample at rest to its first corrected one",
+        "s",
+        "a still window of 1 s; another that had begun in motion; 0.1 s until the batch is read "
+        "and 0.25 s until the sensor has settled: 2.35 s",
+        (Case("always", _always, high=2.5),),
+    ),
+    Line(
+        "C2",
+        "decisions of the boot check that are wrong, not said, or not waited for",
+        "1",
+        "0.3 and 2 dps are the limits of the branches; each is decided in one comparison",
+        _none(),
+    ),
+    Line(
+        "C3",
+        "gyroscope bias in force against the chip's own, worst axis",
+        "dps",
+        "noise of 3.8 mdps/rtHz averaged over 1 s: 2.7 mdps; rounding of 70 mdps counts that the "
+        "noise smooths: 1 mdps; six sigma of both is 0.0173 dps",
+        (Case("always", _always, high=0.02),),
+    ),
+    Line(
+        "C4",
+        "distance of boot bias and stored bias, reported against true",
+        "dps",
+        "C3 on each of three axes: 0.02 * 1.732 = 0.0346 dps",
+        (Case("always", _always, high=0.035),),
+    ),
+    Line(
         "K1",
         "EKF frames of which any bit is not the host core's",
         "1",

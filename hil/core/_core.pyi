@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-# What binding.cpp offers. Use hil.core, which checks, names and documents it.
+# What binding.cpp and calib_binding.cpp offer. Use hil.core and hil.core.calib, which check, name
+# and document it.
 from typing import Any, Self
 
 import numpy as np
@@ -39,3 +40,20 @@ class Estimator64:
     def layout() -> list[tuple[str, str, int, int]]: ...
 
 class Estimator32(Estimator64): ...
+
+CALIB_MAX_CONDITION: float
+CALIB_FLOOR_OF_INSTABILITY: float
+
+def calib_fit_faces(
+    square: bool, means_mps2: NDArray[np.float64], gravity_mps2: float, sigma_mps2: float
+) -> dict[str, Any]: ...
+def calib_fit_magnitude(
+    symmetric: bool, means_mps2: NDArray[np.float64], gravity_mps2: float, sigma_mps2: float
+) -> dict[str, Any]: ...
+def calib_allan(
+    y: NDArray[np.float64], rate_hz: float
+) -> tuple[list[float], list[float], tuple[float, float, float]]: ...
+def calib_allan_variance(y: NDArray[np.float64], length: int) -> float: ...
+def calib_rest(
+    y: NDArray[np.float64], rate_hz: float
+) -> tuple[float, float, tuple[float, float, float]]: ...

@@ -1,5 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
-// Python's view of firmware/lib/estimator: conversion and argument checks, no mathematics.
+// Python's view of firmware/lib/estimator: conversion and argument checks, no mathematics. That of
+// firmware/lib/calib stands in calib_binding.cpp.
 #include <cstddef>
 #include <cstring>
 #include <memory>
@@ -13,6 +14,7 @@
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
+#include "calib_binding.hpp"
 #include "estimator.hpp"
 
 namespace nb = nanobind;
@@ -449,4 +451,5 @@ NB_MODULE(_core, m)
 	m.def("default_params", &default_params);
 	bind<float>(m, "Estimator32");
 	bind<double>(m, "Estimator64");
+	bind_calib(m);
 }

@@ -16,16 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.core import Samples
+from hil.imu.scale import ACCEL_MPS2_PER_LSB_PER_G, CLIPPED_LSB, GYRO_RADPS_PER_LSB_PER_DPS
 from hil.parity import Batch
 from hil.recording import Recording
 from hil.reference.params import Params
 from hil.streams import ROLES, frames, rows
-from hil.wire.messages import TICK_RATE_HZ
+from hil.wire.messages import IMU_FLAGS, TICK_RATE_HZ
 
-ACCEL_MPS2_PER_LSB_PER_G: Final = 3.05e-5 * 9.80665
-GYRO_RADPS_PER_LSB_PER_DPS: Final = 3.5e-5 * (np.pi / 180.0)
-"""LSM6DSOX: 30.5 ug and 35 udps a count, per unit of full scale (datasheet, table 2)."""
-CLIPPED_LSB: Final = 32700
 GAP_MAX_TICKS: Final = TICK_RATE_HZ // 4
 """After a longer pause of the leader's samples the estimator levels and begins again."""
 SUBTICKS_PER_TICK: Final = 256
@@ -55,10 +52,14 @@ class Run:
 def runs(recording: Recording) -> list[Run]:
     """Every start of the leader's estimator, in order of time."""
     sent = frames(recording, "leader", "imu_batch")
+    raw = rows(recording, "leader", "imu_batch")
+    # Before their boot check has ended, samples are not for the estimator.
+    for_estimator = (sent["flags"] & IMU_FLAGS["uncorrected"]) == 0
+    raw, sent = raw[for_estimator[raw["row"]]], sent[for_estimator]
     if sent.size == 0:
         return []
-    raw = rows(recording, "leader", "imu_batch")
-    begins = np.searchsorted(raw["row"], np.arange(len(sent) + 1))
+    begins = np.searchsorted(raw["row"], np.flatnonzero(for_estimator))
+    begins = np.append(begins, len(raw))
     own = np.flatnonzero(sent["source"] == ROLES.index("leader"))
     first = sent["sample_index"][own].astype(np.int64)
     next_index = first + sent["count"][own]

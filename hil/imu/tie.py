@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from hil.imu.batches import Batches
 from hil.imu.chip import FifoStats
+from hil.imu.correct import Correction, expected_counts
 from hil.recording import ImuTruth
 from hil.timesync.truth import NodeClock
 
@@ -55,11 +56,18 @@ class Tie:
         return np.where(self.key[at] == wanted, at, -1)
 
 
-def tie(truth: ImuTruth, clock: NodeClock, b: Batches, stats: FifoStats) -> Tie:
+def tie(
+    truth: ImuTruth,
+    clock: NodeClock,
+    b: Batches,
+    stats: FifoStats,
+    correction: Correction | None = None,
+) -> Tie:
     """Find the spans; empty where no batch has a hardware time.
 
     Args:
         b, stats: of one start of the IMU.
+        correction: what the node did to the chip's counts.
     """
     key = (truth.run.astype(np.int64) << 32) | truth.slot.astype(np.int64)
     nothing = np.zeros(0, dtype=np.int64)
@@ -75,7 +83,7 @@ def tie(truth: ImuTruth, clock: NodeClock, b: Batches, stats: FifoStats) -> Tie:
         votes, count = np.unique(shift[timed & (run == number)], return_counts=True)
         spans.append((int(raw[run == number].min()), int(number), int(votes[np.argmax(count)])))
     start, runs, shifts = np.array(sorted(spans), dtype=np.int64).T
-    return _corrected(Tie(start, runs, shifts, key), truth, b, stats)
+    return _refined(Tie(start, runs, shifts, key), truth, b, stats, correction)
 
 
 def _nearest_row(t_us: Float, at_us: Float) -> Int:
@@ -84,7 +92,9 @@ def _nearest_row(t_us: Float, at_us: Float) -> Int:
     return np.asarray(np.minimum(after - before_is_nearer, t_us.size - 1), dtype=np.int64)
 
 
-def _corrected(voted: Tie, truth: ImuTruth, b: Batches, stats: FifoStats) -> Tie:
+def _refined(
+    voted: Tie, truth: ImuTruth, b: Batches, stats: FifoStats, correction: Correction | None
+) -> Tie:
     shift = voted.shift.copy()
     for k in range(shift.size):
         scores = []
@@ -93,7 +103,7 @@ def _corrected(voted: Tie, truth: ImuTruth, b: Batches, stats: FifoStats) -> Tie
             tried[k] += step
             candidate = replace(voted, shift=tried)
             if stats.decimation == 1:
-                scores.append(_agreeing(candidate, k, truth, b))
+                scores.append(_agreeing(candidate, k, truth, b, correction))
             else:
                 scores.append(_checksum_fits(candidate, k, truth, stats))
         # The first of equals: the vote itself, or else the nearest.
@@ -101,14 +111,17 @@ def _corrected(voted: Tie, truth: ImuTruth, b: Batches, stats: FifoStats) -> Tie
     return replace(voted, shift=shift)
 
 
-def _agreeing(candidate: Tie, k: int, truth: ImuTruth, b: Batches) -> int:
+def _agreeing(
+    candidate: Tie, k: int, truth: ImuTruth, b: Batches, correction: Correction | None
+) -> int:
     """How many samples of span ``k``, in some of its batches, are the chip's."""
     end = candidate.start[k + 1] if k + 1 < candidate.start.size else np.iinfo(np.int64).max
     mine = np.flatnonzero((b.first >= candidate.start[k]) & (b.first < end))
     chosen = mine[np.linspace(0, mine.size - 1, min(SAMPLED, mine.size)).astype(np.int64)]
     begins = np.cumsum(b.count) - b.count
     rows_of_first = candidate.row(b.first[chosen])
-    equal = np.all(b.samples[begins[chosen]] == truth.counts[rows_of_first], axis=1)
+    wanted = expected_counts(b, chosen, truth.counts[rows_of_first], correction)
+    equal = np.all(b.samples[begins[chosen]] == wanted, axis=1)
     return int(np.sum(equal & (rows_of_first >= 0)))
 
 

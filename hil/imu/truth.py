@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from hil.budget import judged
 from hil.imu.batches import WARM_UP_S, Batches, batches, since_setup
 from hil.imu.chip import FifoStats, fifo_stats, has_chip
+from hil.imu.correct import Correction, correction, expected_counts
 from hil.imu.tie import Tie, counts_bytes, tie
 from hil.measure import Measurement
 from hil.recording import ImuTruth, Recording
@@ -40,6 +41,7 @@ class Compared:
         b, stats: since the IMU was last started.
         timed: rows of ``b`` with a hardware time whose slot is known.
         slot_row: int64[len(timed)], their rows in ``truth``.
+        correction: what the node did to the chip's counts; None for nothing.
     """
 
     truth: ImuTruth
@@ -49,6 +51,7 @@ class Compared:
     tie: Tie
     timed: Int
     slot_row: Int
+    correction: Correction | None = None
 
 
 _KEPT: WeakKeyDictionary[Recording, dict[str, Compared | str]] = WeakKeyDictionary()
@@ -72,12 +75,13 @@ def _compare(recording: Recording, role: str, sync: Sync) -> Compared | str:
     b = since_setup(batches(recording, role, role))
     stats = fifo_stats(recording, role).since_setup()
     truth, clock = recording.imu_truth[role], sync.truth.clocks[role]
-    found = tie(truth, clock, b, stats)
+    applied = correction(recording, role)
+    found = tie(truth, clock, b, stats, applied)
     if found.start.size == 0:
         return f"no batch of the {role} has a hardware time that a slot of its chip is near to"
     timed = np.flatnonzero(b.has("hardware_time"))
     row = found.row(b.first[timed] * stats.decimation)
-    return Compared(truth, clock, b, stats, found, timed[row >= 0], row[row >= 0])
+    return Compared(truth, clock, b, stats, found, timed[row >= 0], row[row >= 0], applied)
 
 
 def measure(recording: Recording, role: str, sync: Sync) -> list[Measurement]:
@@ -99,7 +103,10 @@ def measure(recording: Recording, role: str, sync: Sync) -> list[Measurement]:
     ]
     if found.stats.decimation == 1:
         wrong, compared = samples_wrong(found)
-        how = f"{compared} streamed samples against the chip's counts of their slots"
+        how = (
+            f"{compared} streamed samples against the chip's counts of their slots, corrected as "
+            "the calibration in force says"
+        )
         result.append(judged(f"{prefix}_samples_wrong", float(wrong), "I1", c, how))
     return result
 
@@ -141,9 +148,12 @@ def period_error_ppm(c: Compared) -> Float:
 
 
 def samples_wrong(c: Compared) -> tuple[int, int]:
-    """Streamed samples that are not what the chip measured in their slots; samples compared."""
+    """Streamed samples that are not what the chip measured in their slots, corrected by the
+    calibration in force; samples compared."""
     row = c.tie.row(c.b.sample_index)
-    equal = np.all(c.b.samples == c.truth.counts[np.maximum(row, 0)], axis=1) & (row >= 0)
+    of_batch = np.repeat(np.arange(len(c.b)), c.b.count)
+    wanted = expected_counts(c.b, of_batch, c.truth.counts[np.maximum(row, 0)], c.correction)
+    equal = np.all(c.b.samples == wanted, axis=1) & (row >= 0)
     return int(np.sum(~equal)), int(equal.size)
 
 

@@ -95,6 +95,7 @@ UNCALIBRATED = ErrorSpread(
     gyro_misalign_rad=1e-2,
 )
 IDEAL = ErrorSpread(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+POPULATIONS = {"ideal": IDEAL, "calibrated": CALIBRATED, "uncalibrated": UNCALIBRATED}
 
 
 @dataclass(frozen=True)
@@ -147,6 +148,12 @@ def draw_errors(rng: np.random.Generator, spread: ErrorSpread = CALIBRATED) -> C
         matrix(spread.gyro_scale, spread.gyro_misalign_rad),
         spread,
     )
+
+
+def chip_errors(seed: int, role: str, population: str) -> ChipErrors:
+    """The errors of one simulated chip: the same for the same seed, role and population."""
+    rng = np.random.default_rng([seed, sorted(Bar().mounts).index(role)])
+    return draw_errors(rng, POPULATIONS[population])
 
 
 def measure(

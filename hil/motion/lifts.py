@@ -294,14 +294,23 @@ WITH_RESTS = ("deadlift", "bench", "squat", "snatch", "clean_and_jerk")
 TOUCH_AND_GO = ("bench", "squat", "deadlift", "touch_and_go_ten", "tilted", "slow_eccentric")
 
 
+def still(seed: int) -> Lift:
+    """No lift at all: the bar lies for ten seconds."""
+    plan = _plan(seed, FLOOR_Z_M, None)
+    plan.rest(10.0)
+    return _lift("still", seed, plan)
+
+
 def named(name: str, seed: int, rests: bool = False) -> Lift:
-    """A lift by its name; ``rests`` puts the bar down between repetitions.
+    """A lift by its name, or ``still``; ``rests`` puts the bar down between repetitions.
 
     Raises:
         ValueError: there is none of that name, or it has no way with rests.
     """
+    if name == "still":
+        return still(seed)
     if name not in LIFTS:
-        raise ValueError(f"no lift '{name}': lifts are {', '.join(LIFTS)}")
+        raise ValueError(f"no lift '{name}': lifts are {', '.join(LIFTS)}, still")
     if not rests:
         return LIFTS[name](seed)
     if name not in KNOW_RESTS:

@@ -4,12 +4,11 @@
 from __future__ import annotations
 
 import json
-import os
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from hil.atomic import write_whole
 from hil.errors import HilError
 from hil.report import html, junit
 
@@ -29,28 +28,10 @@ def write(document: Mapping[str, Any], directory: Path) -> None:
         "index.html": html.render(document),
     }
     try:
-        directory.mkdir(parents=True, exist_ok=True)
         for name, text in contents.items():
-            _replace(directory / name, text.encode("utf-8"))
+            write_whole(directory / name, text.encode("utf-8"))
     except OSError as error:
         raise HilError(
             f"{directory}: the report cannot be written: {error.strerror or error}",
             "name a folder that you may write to: hil report … -o DIR",
         ) from error
-
-
-def _replace(path: Path, data: bytes) -> None:
-    handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-    try:
-        with os.fdopen(handle, "wb") as stream:
-            stream.write(data)
-            stream.flush()
-            os.fsync(stream.fileno())
-        # mkstemp makes files that only their owner may read; a report is for everyone.
-        umask = os.umask(0)
-        os.umask(umask)
-        os.chmod(temporary, 0o666 & ~umask)
-        os.replace(temporary, path)
-    except BaseException:
-        Path(temporary).unlink(missing_ok=True)
-        raise

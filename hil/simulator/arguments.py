@@ -47,6 +47,7 @@ def node(
     serial: str,
     folder: Path,
     commands: bool = False,
+    flash: Path | None = None,
 ) -> list[str]:
     """One node's image.
 
@@ -54,17 +55,18 @@ def node(
         serial: path of the pseudoterminal for its UART.
         folder: where its logs go, and its motion and commands come from.
         commands: there is a file of commands.
+        flash: what its flash holds; empty without.
     """
     device = DEVICES.index(role)
+    seed = node_seed(scenario, role)
     return [
         str(executable),
         f"-s={sim_id}",
         f"-d={device}",
-        # Nodes with equal seeds would draw equal addresses and equal back-off delays.
-        f"-rs={scenario.seed * len(DEVICES) + device + 1}",
+        f"-rs={seed}",
         "-no-color",
         *crystal(scenario.node(role)),
-        *chip(scenario.node(role).imu, scenario.seed * len(DEVICES) + device + 1),
+        *chip(scenario.node(role).imu, seed),
         f"-hil_uart={serial}",
         f"-hil_uart_times={times_file(folder, role)}",
         f"-gpio_out_file={pins_file(folder, role)}",
@@ -72,7 +74,13 @@ def node(
         f"-imu_edges={int1_file(folder, role)}",
         *([f"-hil_commands={commands_file(folder, role)}"] if commands else []),
         *([f"-imu_motion={motion_file(folder, role)}"] if scenario.motion else []),
+        *([f"-flash={flash}"] if flash else []),
     ]
+
+
+def node_seed(scenario: Scenario, role: str) -> int:
+    """Nodes with equal seeds would draw equal addresses and equal back-off delays."""
+    return scenario.seed * len(DEVICES) + DEVICES.index(role) + 1
 
 
 def crystal(settings: NodeScenario) -> list[str]:

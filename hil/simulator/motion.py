@@ -10,18 +10,10 @@ import numpy as np
 from hil.errors import ScenarioError
 from hil.motion import motion_file
 from hil.motion.bar import GRAVITY_MPS2, Bar
-from hil.motion.imu_model import (
-    ACCEL_NOISE_UG_RTHZ,
-    CALIBRATED,
-    GYRO_NOISE_MDPS_RTHZ,
-    IDEAL,
-    UNCALIBRATED,
-    draw_errors,
-)
+from hil.motion.imu_model import ACCEL_NOISE_UG_RTHZ, GYRO_NOISE_MDPS_RTHZ, chip_errors
 from hil.motion.lifts import Lift, named
 from hil.scenario import ImuScenario, Motion, Scenario
 
-POPULATIONS = {"ideal": IDEAL, "calibrated": CALIBRATED, "uncalibrated": UNCALIBRATED}
 DEFAULT_ODR_HZ = 417.0
 DEFAULT_ACCEL_FS_G = 16
 
@@ -42,10 +34,15 @@ def write(path: Path, scenario: Scenario, role: str) -> None:
     """Write the motion file of the IMU ``role``; the scenario has a motion."""
     motion = scenario.motion
     assert motion is not None
-    rng = np.random.default_rng([scenario.seed, sorted(Bar().mounts).index(role)])
-    errors = draw_errors(rng, POPULATIONS[scenario.node(role).imu.errors])
+    errors = chip_errors(scenario.seed, role, scenario.node(role).imu.errors)
     motion_file.write(
-        path, lift(motion).trajectory, Bar(), role, errors=errors, start_s=motion.start_s
+        path,
+        lift(motion).trajectory,
+        Bar(),
+        role,
+        errors=errors,
+        start_s=motion.start_s,
+        handled_s=motion.handled_s,
     )
 
 

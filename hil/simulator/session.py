@@ -33,6 +33,7 @@ class Session:
     Args:
         executables: role -> image built for the simulated board.
         stall_limit_s: real time without simulated progress after which a node counts as hung.
+        flash: role -> file of what its flash holds; empty where there is none.
     """
 
     def __init__(
@@ -41,12 +42,14 @@ class Session:
         executables: Mapping[str, Path],
         scenario: Scenario,
         stall_limit_s: float = 30.0,
+        flash: Mapping[str, Path] | None = None,
     ) -> None:
         self.sim_id = f"hil-{os.getpid()}-{uuid.uuid4().hex[:8]}"
         self.nodes: list[Node] = []
         self._babblesim = babblesim
         self._executables = executables
         self._scenario = scenario
+        self._flash = flash or {}
         self._watch = ProgressWatch(stall_limit_s)
         self._drain_deadline_s: float | None = None
         self._cleanup = ExitStack()
@@ -140,6 +143,7 @@ class Session:
                 serial=node.line.path,
                 folder=folder,
                 commands=has_commands,
+                flash=self._flash.get(node.role),
             )
             node.attach(
                 self._spawn(stack, guard, argv, name=f"the {node.role} node", cwd=folder, core=core)

@@ -22,6 +22,11 @@ FORBIDDEN: list[tuple[str, tuple[str, ...]]] = [
     ("hil.report", ("hil.backends",)),
     ("hil.reference", ("hil.core", "hil.parity", "hil.accuracy")),
     *(
+        (f"hil.calibration.{name}", ("hil.backends", "hil.bench", "pytest", "serial"))
+        for name in ("poses", "solve", "record", "kconfig", "allan", "measures", "tool")
+    ),
+    ("hil.bench", ("hil.backends", "hil.report", "hil.measure")),
+    *(
         (
             f"hil.backends.{name}",
             (
@@ -121,7 +126,7 @@ def test_pure_firmware_libraries_know_no_zephyr(folder: str) -> None:
     """The parts that also run on the host; ``*_ppi``, ``*_nvs`` and the bus half are the others."""
     pure = {
         "lib/timesync": ("sync_math",),
-        "lib/calib": ("calib_math",),
+        "lib/calib": ("fit", "allan", "calib_boot", "calib_correct", "calib_record"),
         "drivers/lsm6dsox": ("decoder", "fifo_decoder"),
     }
     base = ROOT / "firmware" / folder
@@ -137,7 +142,7 @@ def test_hardware_libraries_load_only_when_used() -> None:
     """Importing the command line and the plugin loads neither NumPy nor a hardware library."""
     code = (
         "import sys, hil.plugin, hil.cli;"
-        "print([m for m in ('numpy','serial','pynrfjprog','mcap','rich.progress','matplotlib')"
+        "print([m for m in ('numpy','serial','pynrfjprog','mcap','saleae','grpc','rich.progress','matplotlib')"
         " if m in sys.modules])"
     )
     result = subprocess.run(

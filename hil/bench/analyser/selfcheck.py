@@ -32,8 +32,8 @@ STEP_TOLERANCE_S = 50e-6
 """A pulse comes within 1 us; a USB packet that is lost takes 64 us at 8 MHz with it."""
 
 SAME_EDGES_MIN = 50
-RATE_TO_TELL_PULSES_HZ = 4e6
-"""From this rate on, 50 pulses of two nodes never fall all into the same samples."""
+RATE_TO_TELL_NODES_HZ = 4e6
+"""From this rate on, 50 edges of two nodes never fall all into the same samples."""
 
 
 @dataclass(frozen=True)
@@ -84,10 +84,10 @@ def same(capture: CaptureEdges) -> Iterator[Finding]:
     """Pairs of channels that cannot be two pins."""
     for one, other in combinations(capture.channels, 2):
         a, b = capture.select(one)[0], capture.select(other)[0]
-        # Pulses of both nodes are meant to coincide: a coarse sample cannot tell them apart.
-        pulses = _signal(one) == _signal(other) == "pulse"
-        enough = SAME_EDGES_MIN if pulses else 2
-        if pulses and capture.samplerate_hz < RATE_TO_TELL_PULSES_HZ:
+        # Both nodes act at the same time by design: a coarse sample cannot tell them apart.
+        twins = _signal(one) == _signal(other)
+        enough = SAME_EDGES_MIN if twins else 2
+        if twins and capture.samplerate_hz < RATE_TO_TELL_NODES_HZ:
             continue
         if a.size >= enough and np.array_equal(a, b):
             yield Finding(

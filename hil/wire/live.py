@@ -1,0 +1,33 @@
+# SPDX-License-Identifier: Apache-2.0
+"""A stream that is decoded while it comes in."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from hil.wire.codec import Decoded, decode
+
+UNDELIMITED_MAX: Final = 1 << 16
+"""Bytes without a 00 after which nothing can come that begins in them."""
+
+
+class LiveStream:
+    """Takes bytes as they come and gives what has become whole.
+
+    Each :class:`Decoded` stands for itself: its offsets count from the start of its own bytes, and
+    frames lost between two of them are not among its losses.
+    """
+
+    def __init__(self) -> None:
+        self._rest = b""
+
+    def feed(self, data: bytes) -> Decoded:
+        """What ``data`` has made whole; what has not ended yet waits for the next call."""
+        stream = self._rest + data
+        end = stream.rfind(b"\0")
+        if end < 0:
+            self._rest = stream if len(stream) <= UNDELIMITED_MAX else b""
+            return decode(b"")
+        # The last 00 may open a frame, too.
+        self._rest = stream[end:]
+        return decode(stream[: end + 1])
