@@ -137,7 +137,11 @@ class Unit:
         """The record in its store; None when there is none."""
         self.record = None
         self.status = {}
-        self._ask("cal_read", lambda: self.record is not None or bool(self.status))
+        # A status comes each second anyway; with a reason it says that there is no record.
+        self._ask(
+            "cal_read",
+            lambda: self.record is not None or bool(self.status.get("reason", 0)),
+        )
         return self.record
 
     def write_record(self, values: Frame) -> None:
