@@ -14,7 +14,7 @@ from hil.imu.batches import batches
 from hil.measure import Measurement
 from hil.motion.imu_model import chip_errors
 from hil.recording import Recording
-from hil.streams import ROLES, frames, table
+from hil.streams import ROLES, SIMULATED_SOURCES, frames, table
 from hil.wire.messages import BOOT_CHECKS, FAULT_CODES, TICK_RATE_HZ
 
 WARN_DPS: Final = 0.3
@@ -104,7 +104,7 @@ def _truth(
 ) -> list[Measurement]:
     """Against the biases that the simulated chip has; nothing where they are not known."""
     scenario = recording.provenance.scenario
-    if recording.provenance.source != "sim":
+    if recording.provenance.source not in SIMULATED_SOURCES:
         return []
     node = scenario.get("nodes", {}).get(role, {})
     bias = np.zeros(3)

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from hil.synthesis.calibration import calibration
 from hil.synthesis.clock import Clock
 from hil.synthesis.draft import Draft
 from hil.synthesis.estimator import REPORT_EVENTS, State, locked, states
@@ -32,6 +33,7 @@ def draft(plan: Plan) -> Draft:
     _models(result, models, table)
     _pulses(plan, result, clocks, models)
     imu(plan, result, clocks, models)
+    calibration(plan, result, clocks)
     _wrap(plan, result)
     return result
 

@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from hil.recording import Integrity
+from hil.synthesis.calibration import CALIBRATION_FAULTS
 from hil.synthesis.draft import Draft, Fate, Frame
 from hil.synthesis.imu_faults import IMU_FAULTS
 from hil.synthesis.plan import Plan
@@ -379,5 +380,8 @@ FAULTS: Final[dict[str, Fault]] = {
     "cut_file": Fault(
         "the file ends early", draft=_integrity(Integrity(False, ("cut after 1000 bytes",), 0, 90))
     ),
-    **{name: Fault(meaning, draft=change) for name, (meaning, change) in IMU_FAULTS.items()},
+    **{
+        name: Fault(meaning, draft=change)
+        for name, (meaning, change) in (IMU_FAULTS | CALIBRATION_FAULTS).items()
+    },
 }

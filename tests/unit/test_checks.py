@@ -30,6 +30,10 @@ TIMING = {
 ROLES = ("leader", "follower")
 FOLLOWER_INT1 = {"imu.follower.int1_error_p99_us"}
 INT1 = {f"imu.{role}.int1_error_p99_us" for role in ROLES}
+CAL = (
+    *("ready_s", "branch_wrong", "refusal_unsaid"),
+    *("gyro_bias_error_dps", "boot_delta_error_dps"),
+)
 SAMPLES_WRONG = {f"imu.{role}.truth_samples_wrong" for role in ROLES}
 TRUTH_TIMES = {f"imu.{r}.truth_{n}" for r in ROLES for n in ("time_error_us", "period_error_ppm")}
 CHECKSUMS = {f"fifo.{role}.truth_crc_mismatches" for role in ROLES}
@@ -150,6 +154,7 @@ CAUGHT_BY: dict[str, set[str]] = {
         "imu.follower_at_leader.overruns",
     },
     "no_batches": {
+        "cal.follower.ready_s",
         "imu.follower.samples_lost",
         "imu.follower.samples_duplicated",
         "imu.follower.batches_out_of_order",
@@ -223,6 +228,14 @@ CAUGHT_BY: dict[str, set[str]] = {
     "no_imu_truth": {*TRUTH_TIMES, *SAMPLES_WRONG, *CHECKSUMS, *UNREAD},
     "int1_late": INT1,
     "int1_silent": INT1,
+    "cal_late": {f"cal.{role}.ready_s" for role in ROLES},
+    "cal_never": {f"cal.{role}.{name}" for role in ROLES for name in CAL},
+    "cal_branch": {
+        f"cal.{role}.{name}" for role in ROLES for name in ("branch_wrong", "refusal_unsaid")
+    },
+    # The stream then is not what the chip measured, corrected by that bias.
+    "cal_bias": {*SAMPLES_WRONG, *(f"cal.{role}.gyro_bias_error_dps" for role in ROLES)},
+    "cal_delta": {f"cal.{role}.boot_delta_error_dps" for role in ROLES},
 }
 """Fault -> exactly the measurements that must not pass."""
 

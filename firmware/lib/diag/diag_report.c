@@ -32,6 +32,12 @@ static uint32_t reset_reason_once(void)
 	return reason;
 }
 
+uint64_t diag_report_device_id(void)
+{
+	return ((uint64_t)nrf_ficr_deviceid_get(NRF_FICR, 1) << 32) |
+	       nrf_ficr_deviceid_get(NRF_FICR, 0);
+}
+
 void diag_report_fill_hello(struct wire_hello *hello)
 {
 	*hello = (struct wire_hello){
@@ -40,8 +46,7 @@ void diag_report_fill_hello(struct wire_hello *hello)
 		.target = TARGET,
 		.schema_hash = WIRE_SCHEMA_HASH,
 		.build_id = BV_BUILD_ID,
-		.device_id = ((uint64_t)nrf_ficr_deviceid_get(NRF_FICR, 1) << 32) |
-			     nrf_ficr_deviceid_get(NRF_FICR, 0),
+		.device_id = diag_report_device_id(),
 		.reset_reason = reset_reason_once(),
 		.tick_rate_hz = WIRE_TICK_RATE_HZ,
 		.conn_interval_us = CONFIG_BV_CONN_INTERVAL * CONN_INTERVAL_UNIT_US,

@@ -14,6 +14,9 @@
 extern "C" {
 #endif
 
+/** FICR DEVICEID of this chip. */
+uint64_t diag_report_device_id(void);
+
 /** Fill in HELLO. The reset reason is read from hardware and cleared by the first call. */
 void diag_report_fill_hello(struct wire_hello *hello);
 

@@ -15,6 +15,9 @@
 /* EasyDMA counts up to 65535 on the nRF52840; short transfers keep the ring draining evenly. */
 #define TX_CHUNK 1024U
 
+/* A full ring takes a third of this at 1 Mbaud. */
+#define CLOSE_LIMIT_MS 1000U
+
 #define RX_BUFFER_SIZE 64U
 #define RX_RING_SIZE   512U
 #define RX_IDLE_US     1000
@@ -156,6 +159,16 @@ void diag_uart_line(const char *text)
 	put(line, size + 2U);
 	(void)k_mutex_unlock(&producer_lock);
 	start_tx();
+}
+
+void diag_uart_close(void)
+{
+	(void)k_mutex_lock(&producer_lock, K_FOREVER);
+	for (uint32_t i = 0; i < CLOSE_LIMIT_MS && atomic_get(&tx_active); i++) {
+		k_sleep(K_MSEC(1));
+	}
+	/* The transfer ends when its last byte enters the shift register. */
+	k_sleep(K_MSEC(1));
 }
 
 uint32_t diag_uart_dropped(void)

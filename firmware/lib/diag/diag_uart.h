@@ -36,6 +36,12 @@ void diag_uart_frame(uint8_t type, const uint8_t *payload, size_t len);
 /** Send @p text, which holds no NUL, and a line end. Threads only. */
 void diag_uart_line(const char *text);
 
+/**
+ * Wait until everything given to the line has been sent, and take nothing more: producers wait for
+ * ever. For the last moment before a reset.
+ */
+void diag_uart_close(void);
+
 /** Frames and lines dropped because the line was full, since boot. */
 uint32_t diag_uart_dropped(void);
 

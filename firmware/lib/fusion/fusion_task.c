@@ -32,11 +32,14 @@ K_THREAD_DEFINE(bv_fusion, CONFIG_BV_FUSION_STACK_SIZE, fusion_thread, NULL, NUL
 void fusion_take(const struct wire_imu_batch *batch)
 {
 	static uint32_t overruns;
-	bool taken;
+	bool taken = true;
 
 	(void)k_mutex_lock(&order_lock, K_FOREVER);
 	node_send_batch(batch);
-	taken = k_msgq_put(&batches, batch, K_NO_WAIT) == 0;
+	/* The estimator gets what a calibration has made right, of either node, or nothing. */
+	if ((batch->flags & WIRE_IMU_FLAG_UNCORRECTED) == 0U) {
+		taken = k_msgq_put(&batches, batch, K_NO_WAIT) == 0;
+	}
 	overruns += taken ? 0U : 1U;
 	/* At powers of two: a node that is too slow must not fill the line with faults. */
 	if (!taken && (overruns & (overruns - 1U)) == 0U) {

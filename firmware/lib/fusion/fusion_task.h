@@ -16,7 +16,8 @@ extern "C" {
  * Send one batch, of either IMU and with times on the leader's clock, on the diagnostic stream and
  * to the estimator. Threads only; never waits for the estimator.
  *
- * Both get all batches in the same order, so that whoever reads the stream can repeat every step.
+ * Uncorrected batches go to the stream only. Both get the others in the same order, so that whoever
+ * reads the stream can repeat every step.
  */
 void fusion_take(const struct wire_imu_batch *batch);
 

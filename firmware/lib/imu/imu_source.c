@@ -5,6 +5,7 @@
 
 #include <zephyr/kernel.h>
 
+#include "calib.h"
 #include "diag_report.h"
 #include "diag_uart.h"
 #include "imu_decimate.h"
@@ -69,8 +70,13 @@ static void send_stats(struct k_work *work)
 
 static void on_decimated(void *context, const struct wire_imu_batch *batch)
 {
+	/* Too large for the stack, and the driver has one thread. */
+	static struct wire_imu_batch own;
+
 	ARG_UNUSED(context);
-	batch_cb(batch);
+	own = *batch;
+	cal_take(&own);
+	batch_cb(&own);
 }
 
 static void on_batch(const struct wire_imu_batch *batch)
@@ -104,6 +110,7 @@ static int start(struct lsm6dsox_options *options)
 		options->batch_samples = WIRE_IMU_BATCH_MAX_COUNT;
 	}
 	imu_decimate_init(&decimate, factor, CONFIG_BV_IMU_BATCH);
+	cal_restart();
 	return lsm6dsox_start(imu, options, &callbacks);
 }
 

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /**
  * @file
- * The node's IMU: batches to the application, at the sensor's rate or decimated; FIFO statistics
- * and faults to the diagnostic stream.
+ * The node's IMU: corrected batches to the application, at the sensor's rate or decimated; FIFO
+ * statistics and faults to the diagnostic stream.
  */
 #ifndef BV_IMU_SOURCE_H_
 #define BV_IMU_SOURCE_H_
@@ -18,12 +18,13 @@ extern "C" {
  *
  * Everything is filled in but `source`: times are on this node's sync clock, `period_ticks` is
  * the measured period in 1/256 tick, `sample_index` counts from 0 without gaps unless samples
- * were lost.
+ * were lost. Counts are corrected, or WIRE_IMU_FLAG_UNCORRECTED is set; see calib.h.
  */
 typedef void (*imu_source_batch_cb)(const struct wire_imu_batch *batch);
 
 /**
- * Start sampling as devicetree and Kconfig say. sync_timer_init() must have succeeded.
+ * Start sampling as devicetree and Kconfig say. sync_timer_init() must have succeeded, and
+ * cal_init() come before.
  *
  * @return 0, or a negative errno of the device; -EALREADY when running.
  */

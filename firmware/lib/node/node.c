@@ -5,7 +5,9 @@
 
 #include <zephyr/kernel.h>
 #include <zephyr/sys/printk.h>
+#include <zephyr/sys/reboot.h>
 
+#include "calib.h"
 #include "diag_csv.h"
 #include "diag_report.h"
 #include "diag_uart.h"
@@ -105,10 +107,21 @@ static void report_link(const struct node_config *config)
 	report_bad_payloads(stats.bad_payloads);
 }
 
+static int take_node_command(uint8_t command)
+{
+	if (command == WIRE_NODE_COMMAND_REBOOT) {
+		diag_uart_close();
+		sys_reboot(SYS_REBOOT_COLD);
+	}
+	return cal_command(command);
+}
+
 static int take_command(uint8_t type, const uint8_t *payload, size_t len)
 {
 	struct wire_imu_setup setup;
 	struct wire_link_drop drop;
+	struct wire_cal_record record;
+	struct wire_node_command node;
 
 	if (type == WIRE_IMU_SETUP_ID && wire_imu_setup_get(&setup, payload, len)) {
 		return imu_source_setup(&setup);
@@ -116,6 +129,12 @@ static int take_command(uint8_t type, const uint8_t *payload, size_t len)
 	if (type == WIRE_LINK_DROP_ID && wire_link_drop_get(&drop, payload, len)) {
 		link_drop(drop.hold_ms);
 		return 0;
+	}
+	if (type == WIRE_CAL_RECORD_ID && wire_cal_record_get(&record, payload, len)) {
+		return cal_take_record(&record);
+	}
+	if (type == WIRE_NODE_COMMAND_ID && wire_node_command_get(&node, payload, len)) {
+		return take_node_command(node.command);
 	}
 	return -EBADMSG;
 }
@@ -140,7 +159,12 @@ static void say_hello(void)
 
 static void start(const struct node_config *config)
 {
-	if (!check(sync_timer_init(), WIRE_FAULT_CODE_PPI_EXHAUSTED, "sync timer did not start")) {
+	const bool timed = check(sync_timer_init(), WIRE_FAULT_CODE_PPI_EXHAUSTED,
+				 "sync timer did not start");
+
+	/* In any case, so that what CAL status says is true. */
+	cal_init(diag_report_device_id());
+	if (!timed) {
 		return;
 	}
 	(void)check(sync_ppi_init(config->on_capture), WIRE_FAULT_CODE_PPI_EXHAUSTED,
@@ -165,12 +189,14 @@ _Noreturn void node_run(const struct node_config *config)
 	diag_csv_header();
 	start(config);
 	report_failure();
+	cal_report();
 	for (uint32_t reports = 1;; reports++) {
 		next_ms += REPORT_PERIOD_MS;
 		k_sleep(K_TIMEOUT_ABS_MS(next_ms));
 		if (reports % REPORTS_PER_HELLO == 0U) {
 			say_hello();
 		}
+		cal_report();
 		diag_report_system();
 		report_link(config);
 		config->every_second();

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* A flat interface to the calibration on the target, so that ctypes needs no copy of its structures. */
+/* A flat interface to the target's calibration, so that ctypes needs no copy of its structures. */
 #include <string.h>
 
 #include "calib_boot.h"
