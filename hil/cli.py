@@ -168,20 +168,21 @@ def calibrate(
     ] = None,
     board: Annotated[Board, typer.Option(help="Where the unit is.")] = Board.BENCH,
     poses: Annotated[
-        int, typer.Option(min=6, max=24, help="From 9 on the skew of the axes is fitted, too.")
+        int,
+        typer.Option(min=6, max=24, help="Six faces and more; from 9 on skewed axes are fitted."),
     ] = 6,
     rest_s: Annotated[
-        float, typer.Option("--rest", min=5.0, max=3600.0, help="Rest of the gyroscope, s.")
+        float, typer.Option("--rest", min=5.0, max=3600.0, help="Rest for the gyroscope, s.")
     ] = 60.0,
     gravity_mps2: Annotated[
-        float, typer.Option("--gravity", min=9.76, max=9.84, help="At this place, m/s^2.")
+        float, typer.Option("--gravity", min=9.76, max=9.84, help="Where you are, m/s^2.")
     ] = 9.80665,
     source: Annotated[
         Path | None, typer.Option("--from", help="Write this record instead of measuring.")
     ] = None,
     to_defaults: Annotated[
         Path | None,
-        typer.Option(help="Write a Kconfig fragment here instead of writing to the unit."),
+        typer.Option(help="Write a Kconfig fragment to this file, not to the unit."),
     ] = None,
     dry_run: Annotated[bool, typer.Option(help="Measure and show; write nothing.")] = False,
     yes: Annotated[bool, typer.Option("--yes", help="Write without asking.")] = False,
@@ -192,7 +193,12 @@ def calibrate(
     ] = 5.0,
     workspace: WorkspaceOption = None,
 ) -> None:
-    """Calibrate a unit's sensor: six faces, a rest, then write, read back, reset and confirm.
+    """Calibrate a unit's sensor: lay it on six faces, leave it for a minute.
+
+    It takes 3 min. Each face is taken by itself, once the unit lies still.
+    Then the result is shown, and a question asked. Only after that something
+    is written: a record in --folder, and the unit's flash, which is read back;
+    the unit is reset and its boot check looked at. Ctrl-C is safe at any time.
 
     With --from and --to-defaults together no unit is needed.
 
@@ -206,7 +212,7 @@ def calibrate(
 
     screen = command.screen_on(Console(), yes)
     if source is not None and to_defaults is not None:
-        command.write_defaults(load(source), to_defaults, screen)
+        command.write_defaults(load(source), to_defaults, screen, dry_run=dry_run)
         return
     with ExitStack() as stack:
         if port is not None:
@@ -236,6 +242,26 @@ def _image_for_sim(role: Role, workspace: Path | None) -> tuple[Manifest, Babble
     with _progress(f"building {role} for sim") as progress:
         image = orchestrator.build(role.value, "sim", workspace=workspace, progress=progress)
     return image, orchestrator.find_babblesim(orchestrator.find_workspace(workspace))
+
+
+@app.command()
+def noise(
+    recording: Annotated[Path, typer.Argument(help="Recording of units that lie still.")],
+    role: Annotated[Role | None, typer.Option(help="Only this unit (default: both).")] = None,
+) -> None:
+    """Show a sensor's white noise and bias instability, by the Allan deviation of a long rest.
+
+    Example: [bold]hil noise fixtures/recordings/cal-boot --role leader[/bold]
+    """
+    from rich.console import Console  # noqa: PLC0415
+
+    from hil.imu.noise import rest_noise  # noqa: PLC0415
+    from hil.imu.noise_table import table  # noqa: PLC0415
+
+    console = Console()
+    ((_, loaded),) = _load([recording])
+    for one in [role] if role else list(Role):
+        console.print(table(one.value, rest_noise(loaded, one.value)))
 
 
 @app.command()

@@ -78,7 +78,8 @@ def in_force(recording: Recording, role: str) -> Any | None:
     ready = status[status["ready"] == 1]
     if ready.size == 0 or any(np.any(ready[name] != ready[name][-1]) for name in STATUS):
         return None
-    return ready[-1]
+    # A node never says so, but a damaged frame may.
+    return ready[-1] if all(np.all(np.isfinite(ready[name][-1])) for name in STATUS) else None
 
 
 def expected_counts(

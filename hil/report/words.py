@@ -42,6 +42,7 @@ _GROUPS: Final[Mapping[str, str]] = {
     "fifo": "IMU FIFO",
     "wire": "Serial stream",
     "serial": "Serial stream",
+    "cal": "Calibration",
     "ekf": "Estimator",
     "recording": "Recording",
 }
