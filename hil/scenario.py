@@ -38,6 +38,7 @@ Example::
 
 from __future__ import annotations
 
+import math
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
@@ -322,7 +323,9 @@ def _calibration(node: Mapping[str, Any], where: str) -> StoredCalibration | Non
     data = node["calibration"]
     _check(data, {"gyro_offset_dps": list}, where)
     offset = data.get("gyro_offset_dps", [0.0, 0.0, 0.0])
-    if len(offset) != 3 or not all(type(value) in (int, float) for value in offset):
+    if len(offset) != 3 or not all(
+        type(value) in (int, float) and math.isfinite(value) for value in offset
+    ):
         raise ScenarioError(f"{where}: gyro_offset_dps needs three numbers: x, y, z")
     x, y, z = map(float, offset)
     return StoredCalibration((x, y, z))
@@ -371,7 +374,14 @@ def _motion(data: Mapping[str, Any], where: str) -> Motion:
     _check(data, known, where)
     if "lift" not in data:
         raise ScenarioError(f"{where}: 'lift' is missing", 'add: lift = "bench"')
-    return Motion(**data)
+    motion = Motion(**data)
+    if motion.handled_s and not 0.0 < motion.handled_s < motion.start_s:
+        raise ScenarioError(
+            f"{where}: handled_s = {motion.handled_s:g} is not within 0 and start_s = "
+            f"{motion.start_s:g}",
+            "the bar is put down before the lift starts",
+        )
+    return motion
 
 
 def _link_drop(data: Mapping[str, Any], where: str) -> LinkDrop:

@@ -107,9 +107,10 @@ def _turner(hands: Hands, seed: int) -> Callable[[str | None], None]:
     from hil.simulator.hands import UP  # noqa: PLC0415
 
     rng = np.random.default_rng(seed)
-    # Four corners that are as far apart as can be, then the opposite ones.
-    corners = np.array([(1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)]) / np.sqrt(3.0)
-    free = cycle(np.concatenate([corners, -corners]))
+    # Four corners that are as far apart as can be, the opposite ones, then the twelve edges.
+    corners = np.array([(1, 1, 1), (1, -1, -1), (-1, 1, -1), (-1, -1, 1)])
+    edges = [np.roll((0, a, b), k) for k in range(3) for a in (1, -1) for b in (1, -1)]
+    free = cycle(up / np.linalg.norm(up) for up in [*corners, *-corners, *edges])
 
     def turn(face: str | None) -> None:
         up = next(free) if face is None else UP[face]

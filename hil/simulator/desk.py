@@ -18,7 +18,7 @@ from types import TracebackType
 from typing import Final, Self
 
 from hil.build import BabbleSim
-from hil.errors import RigError
+from hil.errors import HilError, RigError
 from hil.motion.imu_model import ChipErrors
 from hil.process import Child, Guard
 from hil.process.child import describe_status
@@ -125,6 +125,13 @@ class Desk:
         return self._power_cut
 
     def _keep_running(self) -> None:
+        try:
+            self._run()
+        except HilError as error:
+            self._why = str(error)
+            self._ended.set()
+
+    def _run(self) -> None:
         while not self._leaving.is_set():
             # A chip that starts does not know how it is held.
             self.hands.rest()

@@ -14,6 +14,7 @@ from typing import Final
 
 import numpy as np
 
+from hil.errors import RigError
 from hil.motion.bar import GRAVITY_MPS2
 from hil.motion.curves import FloatArray
 from hil.motion.imu_model import ChipErrors
@@ -34,6 +35,9 @@ class Hands:
     Args:
         pipe: made here; the simulated chip reads it.
         errors: of the chip: what it feels is ``matrix @ true + bias``.
+
+    Raises:
+        RigError: by all that moves the unit, when nobody reads the pipe and it is full.
     """
 
     def __init__(self, pipe: Path, errors: ChipErrors) -> None:
@@ -73,7 +77,15 @@ class Hands:
         accel = self._errors.accel_matrix @ (GRAVITY_MPS2 * up) + self._errors.accel_bias_mps2
         gyro = self._errors.gyro_matrix @ rate_radps + self._errors.gyro_bias_radps
         row = (duration_s, *accel.tolist(), *gyro.tolist())
-        os.write(self._fd, (",".join(f"{value:.9g}" for value in row) + "\n").encode("ascii"))
+        line = ",".join(f"{value:.9g}" for value in row) + "\n"
+        try:
+            # A pipe takes so short a line whole or not at all.
+            os.write(self._fd, line.encode("ascii"))
+        except BlockingIOError as error:
+            raise RigError(
+                "the simulated sensor does not read how it is held: it has ended, or far more was "
+                "asked of its hands than time has passed"
+            ) from error
 
 
 def turning(

@@ -25,9 +25,8 @@ class LiveStream:
         """What ``data`` has made whole; what has not ended yet waits for the next call."""
         stream = self._rest + data
         end = stream.rfind(b"\0")
-        if end < 0:
-            self._rest = stream if len(stream) <= UNDELIMITED_MAX else b""
-            return decode(b"")
         # The last 00 may open a frame, too.
-        self._rest = stream[end:]
+        self._rest = stream[max(end, 0) :]
+        if len(self._rest) > UNDELIMITED_MAX:
+            self._rest = b""
         return decode(stream[: end + 1])

@@ -10,7 +10,7 @@ from hil.motion import motion_file
 from hil.motion.bar import GRAVITY_MPS2, Bar, at_point
 from hil.motion.curves import Fourier, Key, Product, Spline, window
 from hil.motion.imu_model import UNCALIBRATED, draw_errors
-from hil.motion.lifts import LIFTS, bench, drop, seeded_set, touch_and_go_ten
+from hil.motion.lifts import LIFTS, bench, drop, named, seeded_set, touch_and_go_ten
 from hil.motion.repetitions import truth
 
 every_lift = pytest.mark.parametrize("name", sorted(LIFTS))
@@ -218,3 +218,59 @@ def test_bad_motion_files_are_refused(tmp_path, data, says):
 def test_unknown_mount_is_refused(tmp_path):
     with pytest.raises(ValueError, match="no IMU 'middle'"):
         motion_file.write(tmp_path / "x.motion", bench(1, reps=1).trajectory, Bar(), "middle")
+
+
+def test_no_lift_at_all_is_ten_seconds_of_rest():
+    lift = named("still", 5)
+    assert lift.duration_s == 10.0
+    motion = lift.trajectory(np.linspace(0.0, 10.0, 101))
+    assert np.ptp(motion.position_m, axis=0).max() == 0.0
+    assert np.abs(motion.rate_radps).max() == 0.0
+    assert lift.still_spans_s == ((0.0, 10.0),)
+
+
+FORCES = pytest.mark.parametrize(
+    "force", [(0.0, 0.0, GRAVITY_MPS2), (1.0, -2.0, -9.5), (GRAVITY_MPS2, 0.0, 0.0)]
+)
+
+
+@FORCES
+def test_a_handled_bar_rocks_and_then_lies_as_it_lay(force):
+    t, force = np.arange(0.0, 6.0, 1e-4), np.array(force)
+    felt, rate = motion_file.handled(t, force, 5.0)
+    np.testing.assert_allclose(np.linalg.norm(felt, axis=1), np.linalg.norm(force), rtol=1e-12)
+    over = t >= 5.0
+    np.testing.assert_allclose(felt[over], np.tile(force, (over.sum(), 1)), atol=1e-12)
+    assert np.abs(rate[t > 5.001]).max() == 0.0
+    # Three degrees at 1.3 Hz: 0.43 rad/s at most.
+    tilt = np.degrees(np.arccos(np.clip(felt @ force / (force @ force), -1.0, 1.0)))
+    assert tilt.max() == pytest.approx(3.0, abs=1e-3)
+    largest = np.radians(3.0) * 2.0 * np.pi * 1.3
+    assert np.linalg.norm(rate, axis=1).max() == pytest.approx(largest, rel=0.01)
+    # No second in it is still enough for a boot check: 0.3 dps.
+    for begin in np.arange(0.0, 4.0, 0.25):
+        window = rate[(t >= begin) & (t < begin + 1.0)]
+        assert np.degrees(window.std(axis=0).max()) > 3.0
+
+
+@FORCES
+def test_the_rate_of_a_handled_bar_is_that_of_gravity(force):
+    """d up/dt = -w x up."""
+    t = np.arange(0.0, 6.0, 1e-4)
+    felt, rate = motion_file.handled(t, np.array(force), 5.0)
+    slope = np.gradient(felt, 1e-4, axis=0)
+    np.testing.assert_allclose(slope[1:-1], -np.cross(rate, felt)[1:-1], atol=2e-3)
+
+
+def test_a_handled_bar_comes_before_the_set_and_joins_it(tmp_path):
+    lift, bar, path = named("still", 5), Bar(), tmp_path / "motion.bin"
+    motion_file.write(path, lift.trajectory, bar, "leader", start_s=3.0, handled_s=2.0)
+    table = motion_file.read(path)
+    assert table[0, 0] == 0.0
+    rocking = np.abs(table[:, 4:]).max(axis=1) > 1e-6
+    assert 1.9 < table[rocking, 0].max() <= 2.0
+    lying = table[table[:, 0] >= 2.0, 1:]
+    # 2e-5 rad/s of its last half of a millisecond are 1 mdps.
+    np.testing.assert_allclose(lying, np.tile(lying[-1], (len(lying), 1)), atol=2e-5)
+    with pytest.raises(ValueError, match="the set starts at"):
+        motion_file.write(path, lift.trajectory, bar, "leader", start_s=2.0, handled_s=2.0)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -40,6 +41,9 @@ at_s = 5
 kind = "multiatt"
 attenuation_db = 90
 """
+
+CALIBRATION = 'name = "x"\n[nodes.leader.calibration]\n'
+MOTION = 'name = "x"\n[motion]\nlift = "still"\n'
 
 
 def write(folder: Path, text: str) -> Path:
@@ -80,6 +84,17 @@ def test_plain_data_round_trip(tmp_path: Path) -> None:
         ('name = "x"\n[nodes.middle]\ndrift_ppm = 1', "unknown role 'nodes.middle'"),
         ('name = "x"\n[channel]\nkind = "noisy"', "'noisy' is unknown"),
         ('name = "x"\n[nodes.leader]\nwander = [{ amplitude_ppm = 1 }]', "period_s > 0"),
+        ('name = "x"\n[nodes.leader]\ncalibration = 1', "'calibration' has the wrong type"),
+        (CALIBRATION + "gyro_bias_dps = [0, 0, 0]", "unknown key 'gyro_bias_dps'"),
+        (CALIBRATION + "gyro_offset_dps = [0, 0]", "needs three numbers"),
+        (CALIBRATION + "gyro_offset_dps = [0, true, 0]", "needs three numbers"),
+        (CALIBRATION + 'gyro_offset_dps = [0, "1", 0]', "needs three numbers"),
+        (CALIBRATION + "gyro_offset_dps = [0, nan, 0]", "needs three numbers"),
+        (MOTION + "handled_s = true", "wrong type"),
+        (MOTION + "handled_s = 3", "not within 0 and start_s = 3"),
+        (MOTION + "start_s = 2\nhandled_s = 2.5", "not within 0 and start_s = 2"),
+        (MOTION + "handled_s = -1", "not within 0 and start_s = 3"),
+        (MOTION + "handled_s = nan", "not within 0 and start_s = 3"),
     ],
 )
 def test_a_wrong_file_is_named_with_its_fault(tmp_path: Path, text: str, says: str) -> None:
@@ -87,6 +102,21 @@ def test_a_wrong_file_is_named_with_its_fault(tmp_path: Path, text: str, says: s
     with pytest.raises(ScenarioError, match=r"scenario\.toml") as caught:
         scenario.load(path)
     assert says in str(caught.value)
+
+
+def test_a_stored_calibration_and_a_handled_bar_are_read_and_kept(tmp_path: Path) -> None:
+    text = (
+        CALIBRATION + "gyro_offset_dps = [0.5, 0, -1]\n[nodes.follower.calibration]\n"
+        '[motion]\nlift = "still"\nstart_s = 9\nhandled_s = 6.5'
+    )
+    read = scenario.load(write(tmp_path, text))
+    assert read.node("leader").calibration == scenario.StoredCalibration((0.5, 0.0, -1.0))
+    # An empty table is a calibration that is right; no table is none.
+    assert read.node("follower").calibration == scenario.StoredCalibration((0.0, 0.0, 0.0))
+    assert scenario.load(write(tmp_path, FULL)).node("leader").calibration is None
+    assert read.motion == scenario.Motion("still", start_s=9, handled_s=6.5)
+    again = scenario.from_mapping(json.loads(json.dumps(scenario.to_mapping(read))), "provenance")
+    assert again == read
 
 
 def test_a_missing_file_says_so(tmp_path: Path) -> None:

@@ -3,17 +3,25 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Final
 
 from rich.console import Console
 
 from hil.atomic import write_whole
 from hil.calibration import kconfig
-from hil.calibration.record import Record, load
+from hil.calibration.record import Record, check_device, load
 from hil.calibration.tool import guide
-from hil.calibration.tool.screen import Screen
+from hil.calibration.tool.screen import Screen, result_tables
 from hil.calibration.tool.unit import Port, Unit
 from hil.errors import HilError
+
+EITHER: Final = (
+    "its store holds the old calibration or the new one, whole; hil calibrate --dry-run says which"
+)
+STORED: Final = "the unit holds the new calibration, not yet confirmed by a reset"
 
 
 def calibrate(
@@ -27,6 +35,7 @@ def calibrate(
     to_defaults: Path | None = None,
     folder: Path,
     dry_run: bool = False,
+    now_s: Callable[[], float] = time.monotonic,
 ) -> None:
     """Calibrate the unit at ``port``, or write a record that there is, and confirm it.
 
@@ -35,56 +44,75 @@ def calibrate(
         to_defaults: a Kconfig fragment to write instead of writing to the unit.
         folder: where a new record is kept.
         dry_run: measure and show; write nothing anywhere.
+        now_s: clock of the unit's time limits.
 
     Raises:
-        HilError: as :mod:`hil.calibration.tool.guide`.
+        HilError: as :mod:`hil.calibration.tool.guide`; or there is nobody to ask.
     """
-    unit = Unit(port, role)
-    unit.connect()
-    screen.say(guide.describe(unit))
-    written = False
+    if not dry_run:
+        screen.must_ask()
+    given = None if source is None else load(source)
+    unit = Unit(port, role, now_s)
+    left = guide.KEPT
     try:
-        record = load(source) if source else guide.measure(unit, plan, screen, helper)
+        unit.connect()
+        screen.say(guide.describe(unit))
+        record = _show(unit, given, screen) or guide.measure(unit, plan, screen, helper)
         if dry_run:
             screen.say("dry run: nothing was written")
             return
         if not screen.confirm(_question(unit, to_defaults)):
-            screen.say("nothing was written; the unit keeps the calibration it had")
+            screen.say(f"nothing was written; {guide.KEPT}")
             return
-        if source is None:
+        if given is None:
             guide.save(record, folder, screen)
         if to_defaults is not None:
             write_defaults(record, to_defaults, screen)
             return
-        written = True
-        guide.write(unit, record, screen)
+        left = EITHER
+        guide.store(unit, record, screen)
+        left = STORED
+        guide.confirm(unit, record, screen)
     except KeyboardInterrupt:
-        state = (
-            "its store holds the old record or the new one, whole: hil calibrate --dry-run shows it"
-            if written
-            else "the unit keeps the calibration it had"
-        )
-        screen.say(f"interrupted: {state}", "yellow")
+        # The terminal has put ^C at the end of whatever line there was.
+        screen.say(f"\ninterrupted: {left}", "yellow")
         raise
 
 
-def write_defaults(record: Record, path: Path, screen: Screen) -> None:
-    """Write a record as a Kconfig fragment, whole or not at all.
+def write_defaults(record: Record, path: Path, screen: Screen, *, dry_run: bool = False) -> None:
+    """Write a record as a Kconfig fragment, whole or not at all; with ``dry_run`` show it.
 
     Raises:
         HilError: the disk says no.
     """
     text = kconfig.fragment(record.calibration, record.path.name)
+    if dry_run:
+        screen.say(text.rstrip())
+        screen.say("dry run: nothing was written")
+        return
     try:
         write_whole(path, text.encode("ascii"))
     except OSError as error:
-        raise HilError(f"{path} could not be written: {error.strerror or error}") from error
-    screen.say(f"defaults: {path}; build with -- -DEXTRA_CONF_FILE={path.absolute()}")
+        raise HilError(
+            f"{path} could not be written: {error.strerror or error}",
+            "give a file in a folder that you may write to, with room on its disk",
+        ) from error
+    screen.say(f"defaults: {path}\nbuild with -- -DEXTRA_CONF_FILE={path.absolute()}")
 
 
 def screen_on(console: Console, assume_yes: bool) -> Screen:
     """The screen that a command shows itself on."""
     return Screen(console, assume_yes)
+
+
+def _show(unit: Unit, record: Record | None, screen: Screen) -> Record | None:
+    """Show a record that there is, if it is this unit's."""
+    if record is not None:
+        check_device(record, unit.device_id)
+        poses = list(record.poses)
+        before = guide.magnitudes_until_now(unit, poses)
+        screen.show(result_tables(record.calibration, poses, before))
+    return record
 
 
 def _question(unit: Unit, to_defaults: Path | None) -> str:

@@ -8,77 +8,126 @@ from contextlib import contextmanager
 from typing import Protocol
 
 import numpy as np
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn
+from rich.console import Console, Group
+from rich.live import Live
+from rich.markup import escape
+from rich.progress_bar import ProgressBar
 from rich.prompt import Confirm
 from rich.table import Table
+from rich.text import Text
 
 from hil.calibration.poses import FloatArray, Pose, Reading
 from hil.calibration.solve import Calibration
 from hil.errors import HilError
 
+MARGIN = "     "
+BAR_WIDTH = 24
+
 
 class Bar(Protocol):
-    """A line that changes while something is under way."""
+    """What changes while something is under way: how far, what is read, and one line of words."""
 
-    def show(self, share: float, text: str) -> None: ...
+    def show(self, share: float, reading: str, words: str, wrong: bool = False) -> None: ...
 
 
 class Screen:
-    """Plain lines for what stays, one live line for what is under way."""
+    """Plain lines for what stays, two live lines for what is under way."""
 
     def __init__(self, console: Console, assume_yes: bool = False) -> None:
         self.console = console
         self._assume_yes = assume_yes
 
     def say(self, text: str, style: str = "") -> None:
-        self.console.print(text, style=style, highlight=False)
+        """One line. It is not broken, so that a path can be copied from it."""
+        self.console.print(text, style=style, markup=False, highlight=False, soft_wrap=True)
+
+    def tell(self, text: str) -> None:
+        """A paragraph, as wide as the terminal."""
+        self.console.print(text, markup=False, highlight=False)
+
+    def step(self, label: str, text: str) -> None:
+        """What the person is to do next."""
+        self.console.print(Text.assemble((label, "bold"), "  ", text), highlight=False)
+
+    def show(self, tables: list[Table]) -> None:
+        for table in tables:
+            self.console.print(table)
 
     @contextmanager
-    def live(self, title: str) -> Iterator[Bar]:
-        """A progress bar that is gone afterwards; without a terminal, nothing."""
-        columns = (
-            TextColumn("{task.description}"),
-            BarColumn(bar_width=16),
-            TextColumn("{task.percentage:>3.0f}%"),
-            TextColumn("{task.fields[what]}", markup=False),
-        )
-        with Progress(
-            *columns, console=self.console, transient=True, disable=not self.console.is_terminal
-        ) as progress:
-            task = progress.add_task(title, total=1.0, what="")
+    def live(self) -> Iterator[Bar]:
+        """Two lines that are gone afterwards; without a terminal, a line for each mistake."""
+        if not self.console.is_terminal:
+            yield _Lines(self)
+            return
+        with Live(console=self.console, transient=True, refresh_per_second=10) as live:
+            yield _Shown(live)
 
-            class Shown:
-                def show(self, share: float, text: str) -> None:
-                    progress.update(task, completed=share, what=text)
-
-            yield Shown()
-
-    def confirm(self, question: str) -> bool:
-        """Ask; No is the default.
+    def must_ask(self) -> None:
+        """See to it that a question can be asked, before hours of work hang on it.
 
         Raises:
             HilError: there is nobody to ask.
         """
+        if not (self._assume_yes or self.console.is_terminal):
+            raise HilError(
+                "there is no terminal to ask on before writing",
+                "add --yes to write without a question\nor --dry-run to write nothing",
+            )
+
+    def confirm(self, question: str) -> bool:
+        """Ask; No is the default, and the answer of a terminal that has gone.
+
+        Raises:
+            HilError: as :meth:`must_ask`.
+        """
+        self.must_ask()
         if self._assume_yes:
             return True
-        if not self.console.is_terminal:
-            raise HilError(
-                "there is no terminal to ask on", "add --yes to go on without a question"
-            )
-        return Confirm.ask(question, console=self.console, default=False)
+        try:
+            return Confirm.ask(escape(question), console=self.console, default=False)
+        except EOFError:
+            self.console.print()
+            return False
 
 
-def reading_text(reading: Reading, hint: str = "") -> str:
-    """One line about what the unit is doing now: short enough for 80 columns."""
+class _Shown:
+    def __init__(self, live: Live) -> None:
+        self._live = live
+
+    def show(self, share: float, reading: str, words: str, wrong: bool = False) -> None:
+        row = Table.grid(padding=(0, 1))
+        bar = ProgressBar(total=1.0, completed=share, width=BAR_WIDTH)
+        row.add_row(MARGIN[:-1], bar, f"{share:4.0%}", reading)
+        style = "yellow" if wrong else ""
+        below = Text(MARGIN + words, style, no_wrap=True, overflow="ellipsis")
+        self._live.update(Group(row, below))
+
+
+class _Lines:
+    def __init__(self, screen: Screen) -> None:
+        self._screen = screen
+        self._said = ""
+
+    def show(self, share: float, reading: str, words: str, wrong: bool = False) -> None:
+        if wrong and words != self._said:
+            self._screen.say(MARGIN + words)
+        self._said = words if wrong else ""
+
+
+def reading_text(reading: Reading) -> str:
+    """What the accelerometer says now: the axis that points up says +1 g."""
     x, y, z = reading.accel_mps2 / 9.80665
-    return f"{x:+.2f} {y:+.2f} {z:+.2f} g  {hint or reading.why or reading.state}"
+    return f"x {x:+.2f}  y {y:+.2f}  z {z:+.2f} g"
 
 
 def result_tables(
-    calibration: Calibration, poses: list[Pose], before: FloatArray | None
+    calibration: Calibration, poses: list[Pose], before: FloatArray | None = None
 ) -> list[Table]:
-    """The figures to look at before anything is written."""
+    """The figures to look at before anything is written.
+
+    Args:
+        before: (n,) m/s^2, magnitudes of the poses by the calibration in force; None for raw.
+    """
     return [_figures(calibration), _magnitudes(calibration, poses, before)]
 
 
@@ -106,7 +155,7 @@ def _magnitudes(calibration: Calibration, poses: list[Pose], before: FloatArray 
     table.add_column("pose")
     for heading in ("raw, g", *(["until now, g"] if before is not None else []), "corrected, g"):
         table.add_column(heading, justify="right")
-    means = np.array([pose.mean for pose in poses])
+    means = np.array([pose.mean for pose in poses]).reshape(-1, 3)
     raw = np.linalg.norm(means, axis=1) / calibration.gravity_mps2
     corrected = np.linalg.norm(calibration.accel(means), axis=1) / calibration.gravity_mps2
     for i, pose in enumerate(poses):
