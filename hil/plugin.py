@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Generator, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -34,6 +34,7 @@ SOURCES = ("replay", *BOARDS)
 EXIT_RIG_FAILURE = 10
 EXIT_NOT_RUN_LIVE = 11
 BENCH_FILE = "boards/bench.toml"
+HISTORY_FILE = "build/history.sqlite"
 
 
 @dataclass(frozen=True)
@@ -61,8 +62,12 @@ class Session:
     runs_dir: Path
     report_dir: Path | None
     workspace: Path | None
-    results: dict[str, tuple[Recording, dict[str, Measurement]]]
+    images: Path | None
+    lock_wait_s: float
+    history: Path | None
+    results: dict[str, tuple[Recording, list[Measurement]]]
     rig_failures: list[str]
+    not_run: list[tuple[RunSpec, str]] = field(default_factory=list)
     ran: int = 0
     used: bool = False
 
@@ -104,9 +109,31 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     )
     group.addoption("--workspace", default=None, metavar="DIR", help="Zephyr workspace to build in")
     group.addoption(
+        "--images",
+        default=None,
+        metavar="DIR",
+        help="on the bench: images built before, in DIR/leader and DIR/follower",
+    )
+    group.addoption(
+        "--lock-wait",
+        default=0.0,
+        type=float,
+        metavar="S",
+        help="on the bench: seconds to wait for another run to end",
+    )
+    group.addoption(
         "--hil-report", default=None, metavar="DIR", help="write report.json, junit.xml, index.html"
     )
+    group.addoption(
+        "--hil-history",
+        nargs="?",
+        const=HISTORY_FILE,
+        default=None,
+        metavar="DB",
+        help=f"keep the runs in this history ({HISTORY_FILE} when no DB is named): hil history",
+    )
     parser.addini("hil_board", "default of --board", default="")
+    parser.addini("hil_history", "default of --hil-history", default="")
     parser.addini("hil_recordings", "folder of recordings", default="fixtures/recordings")
     parser.addini("hil_scenarios", "folder of scenarios", default="fixtures/scenarios")
 
@@ -133,9 +160,10 @@ def pytest_configure(config: pytest.Config) -> None:
     if board == "bench" and not bench_file.is_file():
         raise pytest.UsageError(
             f"--board=bench needs {bench_file}, which does not exist: it says which probe is "
-            "the leader and which the follower. Without boards use --board=sim, or no option "
-            "to replay recordings."
+            "the leader and which the follower. Connect both boards and write it: hil bench init. "
+            "Without boards use --board=sim, or no option to replay recordings."
         )
+    kept = config.getini("hil_history")
     config.stash[_SESSION] = Session(
         board=board,
         recordings=[Path(p) for p in recordings],
@@ -145,6 +173,11 @@ def pytest_configure(config: pytest.Config) -> None:
         runs_dir=root / "build" / "runs",
         report_dir=Path(option("--hil-report")) if option("--hil-report") else None,
         workspace=Path(option("--workspace")) if option("--workspace") else None,
+        images=Path(option("--images")) if option("--images") else None,
+        lock_wait_s=option("--lock-wait"),
+        history=Path(option("--hil-history") or root / kept)
+        if option("--hil-history") or kept
+        else None,
         results={},
         rig_failures=[],
     )
@@ -249,12 +282,16 @@ def recording(request: pytest.FixtureRequest) -> Recording:
                 workspace=session.workspace,
                 output=_output(session, spec),
                 progress=_terminal_progress(request.config),
+                bench=run.BenchOptions(
+                    request.config.rootpath / BENCH_FILE, session.images, session.lock_wait_s
+                ),
             )
             session.ran += 1
     except HilError as error:
         session.rig_failures.append(f"{spec.id}: {error}")
+        session.not_run.append((spec, error.message))
         raise
-    session.results.setdefault(spec.id, (result, {}))
+    session.results.setdefault(spec.id, (result, []))
     return result
 
 
@@ -263,7 +300,9 @@ def _output(session: Session, spec: RunSpec) -> Path:
 
     if session.record_name is None:
         path = session.runs_dir / spec.source / spec.path.stem / library.FILE_NAME
-        path.unlink(missing_ok=True)
+        if spec.source != "bench":
+            # On a bench another run may be writing it: that is known when the bench is held.
+            path.unlink(missing_ok=True)
         return path
     several = len(session.scenarios) != 1
     name = f"{session.record_name}-{spec.path.stem}" if several else session.record_name
@@ -321,7 +360,7 @@ def measure(
         batch = list(measurements)
         if not batch:
             pytest.fail("nothing was measured: the check has no measurement to judge")
-        kept.update((m.name, m) for m in batch)
+        kept.extend(batch)
         for m in batch:
             request.node.user_properties.append((m.name, f"{m.value} {m.unit} {m.verdict}"))
         bad = [m for m in batch if not m.verdict.ok]
@@ -358,7 +397,7 @@ def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> Non
     terminalreporter.section("hil")
     for name, (_, measurements) in session.results.items():
         counts: dict[str, int] = {}
-        for m in measurements.values():
+        for m in measurements:
             counts[m.verdict.value] = counts.get(m.verdict.value, 0) + 1
         line = ", ".join(f"{n} {verdict}" for verdict, n in sorted(counts.items()))
         terminalreporter.write_line(f"{name}: {line or 'nothing measured'}")
@@ -371,8 +410,8 @@ def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> Non
 @pytest.hookimpl(wrapper=True, trylast=True)
 def pytest_sessionfinish(session: pytest.Session) -> Generator[None, None, None]:
     state = session.config.stash[_SESSION]
-    if state.results and state.report_dir:
-        _write_report(state, state.report_dir)
+    if (state.results or state.not_run) and (state.report_dir or state.history):
+        _keep_results(session, state)
     if session.exitstatus == pytest.ExitCode.TESTS_FAILED and state.rig_failures:
         only_rig = session.testsfailed <= len(_errors(session))
         session.exitstatus = EXIT_RIG_FAILURE if only_rig else session.exitstatus
@@ -385,16 +424,40 @@ def pytest_sessionfinish(session: pytest.Session) -> Generator[None, None, None]
     return (yield)
 
 
-def _write_report(session: Session, folder: Path) -> None:
+def _keep_results(session: pytest.Session, state: Session) -> None:
+    """Write the report, and keep the runs; what goes wrong with either is the rig's failure."""
     from hil import checks, report  # noqa: PLC0415
+    from hil.errors import HilError  # noqa: PLC0415
 
-    results = [
+    results: list[report.Result | report.NotRun] = [
         report.Result(
-            recording, list(measured.values()), checks.series(recording), live=bool(session.board)
+            recording,
+            measured,
+            checks.series(recording) if state.report_dir else (),
+            live=bool(state.board),
         )
-        for recording, measured in session.results.values()
+        for recording, measured in state.results.values()
     ]
-    report.write(report.build(results), folder)
+    results += [
+        report.NotRun(spec.path.stem, spec.source, reason, rig_failed=True)
+        for spec, reason in state.not_run
+        if spec.source in BOARDS
+    ]
+    if not results:
+        return
+    document = report.build(results)
+    try:
+        if state.report_dir:
+            report.write(document, state.report_dir)
+        if state.history:
+            from hil.history import open_history  # noqa: PLC0415
+
+            with open_history(state.history, create=True) as history:
+                history.add(document)
+    except HilError as error:
+        state.rig_failures.append(str(error))
+        if session.exitstatus == pytest.ExitCode.OK:
+            session.exitstatus = EXIT_RIG_FAILURE
 
 
 def _errors(session: pytest.Session) -> list[Any]:

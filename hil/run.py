@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 
 from hil import scenario
@@ -10,25 +11,56 @@ from hil.backends import Backend, Progress
 from hil.errors import RigError
 from hil.recording import Recording
 
+BENCH_FILE = Path("boards/bench.toml")
 
-def backend(board: str, workspace: Path | None) -> Backend:
+
+@dataclass(frozen=True)
+class BenchOptions:
+    """What a run on the bench takes beside its scenario.
+
+    Attributes:
+        file: the bench file.
+        images: folder of images built before; built for the run when None.
+        lock_wait_s: how long another run's end is waited for.
+    """
+
+    file: Path = BENCH_FILE
+    images: Path | None = None
+    lock_wait_s: float = 0.0
+
+
+def backend(board: str, workspace: Path | None, bench: BenchOptions | None = None) -> Backend:
     """The backend called ``board``.
 
     Raises:
         RigError: there is no such backend here.
+        BuildError: there is no image in the folder given.
     """
     if board == "sim":
         from hil.backends.sim import SimBackend  # noqa: PLC0415 (needs the build extra)
 
         return SimBackend(workspace=workspace)
+    if board == "bench":
+        from hil.backends.bench import BenchBackend  # noqa: PLC0415 (hardware)
+        from hil.bench import prepared  # noqa: PLC0415
+
+        options = bench or BenchOptions()
+        images = None if options.images is None else prepared.images(options.images)
+        return BenchBackend(options.file, workspace, images, lock_wait_s=options.lock_wait_s)
     raise RigError(
         f"no backend for --board={board}",
-        "--board=sim runs the firmware on the simulated radio",
+        "--board=sim runs the firmware on the simulated radio, --board=bench on two boards",
     )
 
 
 def live(
-    board: str, scenario_path: Path, workspace: Path | None, output: Path, progress: Progress
+    board: str,
+    scenario_path: Path,
+    workspace: Path | None,
+    output: Path,
+    progress: Progress,
+    *,
+    bench: BenchOptions | None = None,
 ) -> Recording:
     """Build what is needed, run the scenario, write and return the recording.
 
@@ -39,4 +71,4 @@ def live(
     """
     plan = scenario.load(scenario_path)
     output.parent.mkdir(parents=True, exist_ok=True)
-    return backend(board, workspace).run(plan, output, progress)
+    return backend(board, workspace, bench).run(plan, output, progress)

@@ -165,6 +165,7 @@ def doctor(
     """
     from hil.bench import doctor as questions  # noqa: PLC0415 (start-up time)
     from hil.bench import survey, udev  # noqa: PLC0415
+    from hil.bench.wiring_check import check_wiring  # noqa: PLC0415
 
     if write_udev is not None:
         _write_udev(write_udev, udev.RULES)
@@ -172,7 +173,7 @@ def doctor(
         for line in udev.install_commands(write_udev):
             typer.echo(f"  {line}")
         return
-    probing = questions.Probing(look=survey.look, hello=_hello)
+    probing = questions.Probing(look=survey.look, hello=_hello, wiring=check_wiring)
     checks = questions.examine(file, probing, workspace)
     if as_json:
         typer.echo(questions.to_json(checks))

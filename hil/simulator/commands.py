@@ -5,8 +5,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from hil.commands import planned
 from hil.recording import ClockModel
-from hil.scenario import ImuScenario, Scenario
+from hil.scenario import Scenario
 from hil.wire.codec import encode
 
 BOOTED_US = 20_000
@@ -15,32 +16,14 @@ BOOTED_US = 20_000
 
 def write(path: Path, scenario: Scenario, role: str, clock: ClockModel) -> bool:
     """Write the commands of ``role``; False, and no file, when there are none."""
-    due: list[tuple[float, str, dict[str, float]]] = []
-    imu = scenario.node(role).imu
-    if (setup := imu_setup(imu)) is not None:
-        due.append((BOOTED_US, "imu_setup", setup))
-    if role == "leader":
-        due += [
-            (float(clock.local_us(drop.at_s * 1e6)), "link_drop", {"hold_ms": drop.hold_ms})
-            for drop in scenario.link_drops
-        ]
-    if not due:
+    lines = []
+    for seq, command in enumerate(planned(scenario, role)):
+        at_s = command.at_s
+        local_us = BOOTED_US if at_s is None else float(clock.local_us(at_s * 1e6))
+        lines.append(f"{round(local_us)},{encode(command.name, command.values, seq).hex()}\n")
+    if not lines:
         return False
-    lines = [
-        f"{round(local_us)},{encode(name, values, seq).hex()}\n"
-        for seq, (local_us, name, values) in enumerate(sorted(due, key=lambda c: c[0]))
-    ]
+    # A drop may be meant for before the node is ready.
+    lines.sort(key=lambda line: int(line.partition(",")[0]))
     path.write_text("".join(lines), encoding="ascii")
     return True
-
-
-def imu_setup(imu: ImuScenario) -> dict[str, float] | None:
-    """The settings to send, or None when the image's own are wanted."""
-    if not (imu.odr_hz or imu.accel_fs_g or imu.gyro_fs_dps or imu.rest_s):
-        return None
-    return {
-        "odr_hz": imu.odr_hz,
-        "accel_fs_g": imu.accel_fs_g,
-        "gyro_fs_dps": imu.gyro_fs_dps,
-        "rest_s": imu.rest_s,
-    }

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from hil.measure import Measurement
 from hil.recording import Recording
-from hil.timesync import judge_models, judge_pairs, judge_pulses
+from hil.timesync import judge_models, judge_pairs, judge_pulses, judge_wires
 from hil.timesync.analysis import Sync
 
 
@@ -19,6 +19,7 @@ def measure(recording: Recording, sync: Sync) -> list[Measurement]:
         judge_models.locked(sync),
         judge_models.model_age(sync),
         *judge_pulses.edge_errors(recording, sync),
+        *judge_wires.wire_errors(recording, sync),
         judge_pulses.compare_to_edge(recording, sync),
         *judge_pulses.pulse_counts(sync),
         *judge_pairs.pair_counts(sync),

@@ -182,9 +182,7 @@ def hello(role: int, chip: int, **changes: int) -> dict[str, Any]:
     return sound | {"build_id": 0xAB, "uptime_ms": 61_000} | changes
 
 
-def checked(
-    tmp_path: Path, found: Survey, *probes: FakeProbe, **replaced: Any
-) -> dict[str, Check]:
+def checked(tmp_path: Path, found: Survey, *probes: FakeProbe, **replaced: Any) -> dict[str, Check]:
     path = tmp_path / "bench.toml"
     if not path.exists():
         setup.write(path, setup.text(("1", "2"), driver="fx2lafw"))
@@ -234,7 +232,7 @@ def test_looking_changes_nothing_on_the_boards(tmp_path: Path) -> None:
         ("locked", "bench lock", "in use by", "kill"),
     ],
 )
-def test_each_fault_fails_its_own_check_with_its_fix(  # noqa: PLR0912
+def test_each_fault_fails_its_own_check_with_its_fix(
     tmp_path: Path, fault: str, name: str, said: str, fix: str
 ) -> None:
     found, *probes = bench_of_fakes(tmp_path)
@@ -312,9 +310,7 @@ def test_the_table_fits_the_terminal_and_shows_every_fix(tmp_path: Path, width: 
             assert f"→{''.join(line.split())}" in squeezed
 
 
-def test_init_asks_nobody_who_is_not_there(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_init_asks_nobody_who_is_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from typer.testing import CliRunner  # noqa: PLC0415
 
     from hil.bench import cli  # noqa: PLC0415
@@ -340,9 +336,7 @@ def test_init_asks_nobody_who_is_not_there(
     assert bench.analyser.driver == "fx2lafw"
 
 
-def test_recover_asks_before_it_erases(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_recover_asks_before_it_erases(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     from typer.testing import CliRunner  # noqa: PLC0415
 
     from hil.bench import cli, flash  # noqa: PLC0415
