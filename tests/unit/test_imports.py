@@ -142,7 +142,8 @@ def test_hardware_libraries_load_only_when_used() -> None:
     """Importing the command line and the plugin loads neither NumPy nor a hardware library."""
     code = (
         "import sys, hil.plugin, hil.cli;"
-        "print([m for m in ('numpy','serial','pynrfjprog','mcap','saleae','grpc','rich.progress','matplotlib')"
+        "print([m for m in ('numpy','serial','pynrfjprog','mcap','saleae','grpc','rich.progress',"
+        "'matplotlib')"
         " if m in sys.modules])"
     )
     result = subprocess.run(
