@@ -37,6 +37,7 @@ lint: $(VENV)/ready
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/python -m hil.wire.cgen --check
+	$(BIN)/python -m hil.report.format_page --check
 
 unit: $(VENV)/ready
 	bash ci/debian-packages test

@@ -11,6 +11,7 @@ from typing import Final
 
 from hil import fusion, imu, link, timesync
 from hil.calibration import measures as calibration
+from hil.calibration import series as calibration_series
 from hil.measure import Measurement
 from hil.recording import Recording
 from hil.series import Series
@@ -42,6 +43,7 @@ def series(recording: Recording) -> list[Series]:
     return [
         *timesync.series(recording, sync),
         *imu.series(recording, sync),
+        *calibration_series.series(recording),
         *fusion.series(recording, sync),
     ]
 

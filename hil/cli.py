@@ -12,12 +12,16 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from hil import tools_cli
 from hil.bench import cli as bench_cli
+from hil.history import cli as history_cli
+from hil.tuning import command as tuning_cli
 
 if TYPE_CHECKING:
     from hil.backends import Progress
     from hil.build import BabbleSim, Manifest
     from hil.recording import Recording
+    from hil.report import Document
 
 app = typer.Typer(
     name="hil",
@@ -53,6 +57,11 @@ WorkspaceOption = Annotated[
         help="Zephyr workspace (default: ZEPHYR_BASE, the enclosing west workspace, "
         "~/zephyrproject).",
     ),
+]
+
+HistoryOption = Annotated[
+    Path | None,
+    typer.Option(help="Keep the run in this history, e.g. build/history.sqlite: hil history."),
 ]
 
 
@@ -95,36 +104,65 @@ def record(
     output: Annotated[
         Path, typer.Option("-o", "--output", help="Folder of the new recording; must not exist.")
     ],
+    *,
     board: Annotated[Board, typer.Option(help="Where to run.")] = Board.SIM,
     workspace: WorkspaceOption = None,
+    images: Annotated[
+        Path | None,
+        typer.Option(help="On the bench: images built before, in DIR/leader and DIR/follower."),
+    ] = None,
+    lock_wait: Annotated[
+        float, typer.Option(min=0.0, help="On the bench: wait so long for another run's end, s.")
+    ] = 0.0,
+    history: HistoryOption = None,
 ) -> None:
     """Run a scenario live and keep everything it produced as a recording.
+
+    Exit code 1 when a check failed, 10 when the rig did.
 
     Example: [bold]hil record fixtures/scenarios/clean-7ms5.toml -o my-run[/bold]
     """
     from hil import library, run  # noqa: PLC0415
+    from hil.errors import RigError  # noqa: PLC0415
 
     path = library.target(output.parent, output.name)
     try:
         with _progress(f"recording {scenario.stem}") as progress:
-            recording = run.live(board.value, scenario, workspace, path, progress)
-    except BaseException:
+            bench = run.BenchOptions(images=images, lock_wait_s=lock_wait)
+            recording = run.live(board.value, scenario, workspace, path, progress, bench=bench)
+    except BaseException as error:
         if not path.exists():
             path.parent.rmdir()
+        if isinstance(error, RigError):
+            typer.echo(f"hil: {error}", err=True)
+            raise typer.Exit(_exit_code("rig_failure")) from error
         raise
     library.write_readme(recording, path)
     typer.echo(f"recorded {path}")
-    _judge_and_show([(path, recording)])
+    _judge_and_show([(path, recording)], history, live=True)
 
 
 @app.command()
 def replay(
     recordings: Annotated[list[Path], typer.Argument(help="Recording folders or .mcap files.")],
+    param: Annotated[
+        list[str] | None,
+        typer.Option("--param", help="Instead: the estimator with NAME=VALUE; may be repeated."),
+    ] = None,
 ) -> None:
-    """Judge recordings and print every measurement; exit 1 when a check fails.
+    """Judge recordings and print every measurement.
+
+    With --param: run the estimator over them again with other parameters, and print what changes.
+
+    Exit code 1 when a check failed, 10 when a recording is not whole.
 
     Example: [bold]hil replay fixtures/recordings/clean-7ms5[/bold]
+
+    Example: [bold]hil replay --param zupt_dwell=60 fixtures/recordings/clean-7ms5[/bold]
     """
+    if param:
+        tuning_cli.replay_with(recordings, param)
+        return
     _judge_and_show([(path, recording) for path, recording in _load(recordings)])
 
 
@@ -132,31 +170,94 @@ def replay(
 def report(
     recordings: Annotated[list[Path], typer.Argument(help="Recording folders or .mcap files.")],
     output: Annotated[Path, typer.Option("-o", "--output", help="Folder to write to.")],
+    *,
+    compare: Annotated[
+        bool,
+        typer.Option(
+            "--compare",
+            help="Put two side by side: recordings, report.json files, or their folders.",
+        ),
+    ] = False,
+    summary: Annotated[
+        Path | None,
+        typer.Option(
+            envvar="GITHUB_STEP_SUMMARY", help="Append a Markdown summary of the job to this file."
+        ),
+    ] = None,
+    history: HistoryOption = None,
 ) -> None:
-    """Write report.json, junit.xml and one self-contained index.html; exit 1 on a failed check.
+    """Write report.json, junit.xml, badge.json and one self-contained index.html.
 
     A recording that was made to fail counts as sound when its named checks fail.
+    Exit code 0 when all is sound, 1 when a check of the product failed, 10 when the rig failed, 11
+    when nothing was run.
+
+    With --compare: compare.html and a table, what changed first; exit code 1 when a check of the
+    second is worse than the first's and does not pass.
 
     Example: [bold]hil report fixtures/recordings/* -o build/report[/bold]
+
+    Example: [bold]hil report --compare runs/before runs/today -o build/compare[/bold]
     """
 
-    from hil import checks  # noqa: PLC0415
     from hil import report as views  # noqa: PLC0415
+    from hil.report import summary as job  # noqa: PLC0415
+
+    if compare:
+        _compare(recordings, output)
+        return
+    document = _judged(recordings)
+    views.write(document, output)
+    views.terminal.render(document, views.terminal.console())
+    typer.echo(f"report: {output / 'index.html'}")
+    if summary is not None:
+        job.append(document, summary)
+    _keep(document, history)
+    raise typer.Exit(_exit_code(document["outcome"]))
+
+
+def _judged(recordings: list[Path]) -> Document:
+    from hil import report as views  # noqa: PLC0415
+    from hil.judging import judge_files  # noqa: PLC0415
 
     judged = []
     with _progress("judging") as progress:
         loaded = list(_load(recordings))
-        for n, (path, recording) in enumerate(loaded):
+        found = judge_files([path for path, _ in loaded])
+        for n, ((path, recording), one) in enumerate(zip(loaded, found, strict=True), 1):
             progress(n / len(loaded), str(path))
-            judged.append(
-                views.Result(recording, checks.evaluate(recording), checks.series(recording))
-            )
-        document = views.build(judged)
-        views.write(document, output)
-    views.terminal.render(document, views.terminal.console())
-    typer.echo(f"report: {output / 'index.html'}")
-    if not views.sound(document):
-        raise typer.Exit(1)
+            judged.append(views.Result(recording, *one))
+        return views.build(judged)
+
+
+def _compare(paths: list[Path], output: Path) -> None:
+    from hil.report import compare, compare_page, reading, terminal  # noqa: PLC0415
+
+    if len(paths) != 2:
+        raise typer.BadParameter("--compare takes two: hil report --compare A B -o DIR")
+    first, second = (
+        reading.load(path) if reading.is_report(path) else _judged([path]) for path in paths
+    )
+    found = compare.compare(first, second, (str(paths[0]), str(paths[1])))
+    page = compare_page.write(found, output)
+    compare.render(found, terminal.console())
+    typer.echo(f"comparison: {page}")
+    raise typer.Exit(1 if found.worse else 0)
+
+
+def _keep(document: Document, history: Path | None) -> None:
+    if history is None:
+        return
+    from hil.history import open_history  # noqa: PLC0415
+
+    with open_history(history, create=True) as kept:
+        kept.add(document)
+
+
+def _exit_code(outcome: str) -> int:
+    from hil.report import EXIT_CODES  # noqa: PLC0415
+
+    return EXIT_CODES[outcome]
 
 
 @app.command()
@@ -312,15 +413,21 @@ def _load(paths: list[Path]) -> Iterator[tuple[Path, Recording]]:
         yield file, load(file)
 
 
-def _judge_and_show(loaded: list[tuple[Path, Recording]]) -> None:
+def _judge_and_show(
+    loaded: list[tuple[Path, Recording]], history: Path | None = None, *, live: bool = False
+) -> None:
 
     from hil import checks  # noqa: PLC0415
     from hil import report as views  # noqa: PLC0415
 
-    document = views.build([(recording, checks.evaluate(recording)) for _, recording in loaded])
+    document = views.build(
+        views.Result(recording, checks.evaluate(recording), live=live) for _, recording in loaded
+    )
     views.terminal.render(document, views.terminal.console())
-    if not views.passed(document):
-        raise typer.Exit(1)
+    _keep(document, history)
+    raise typer.Exit(
+        _exit_code(views.gravest_outcome(entry["outcome"] for entry in document["recordings"]))
+    )
 
 
 @contextmanager
@@ -354,6 +461,10 @@ def _progress(title: str) -> Iterator[Progress]:
 
 
 app.add_typer(bench_cli.app)
+app.add_typer(history_cli.app)
+app.add_typer(tuning_cli.app)
+app.command()(tools_cli.reps)
+app.command()(tools_cli.truth)
 app.command()(bench_cli.doctor)
 
 

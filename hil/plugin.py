@@ -122,7 +122,10 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         help="on the bench: seconds to wait for another run to end",
     )
     group.addoption(
-        "--hil-report", default=None, metavar="DIR", help="write report.json, junit.xml, index.html"
+        "--hil-report",
+        default=None,
+        metavar="DIR",
+        help="write report.json, junit.xml, badge.json, index.html",
     )
     group.addoption(
         "--hil-history",

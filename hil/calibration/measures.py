@@ -21,6 +21,9 @@ WARN_DPS: Final = 0.3
 REFUSE_DPS: Final = 2.0
 """Distance of the bias at boot from the stored one beyond which a node warns, and refuses."""
 
+DECISIONS_MAX: Final = 12
+"""Rows of the table of decisions; a node that decides more often than that is broken."""
+
 
 def expected(recording: Recording, role: str) -> bool:
     """Whether the node has a boot check: by the protocol table that it speaks."""
@@ -44,7 +47,7 @@ def _node(recording: Recording, role: str, c: Conditions) -> list[Measurement]:
     decided = status[status["ready"] == 1]
     return [
         _ready(recording, role, c),
-        _branch(role, decided, c),
+        _branch(role, status, decided, c),
         _refusal(recording, role, decided, c),
         *_truth(recording, role, decided, c),
     ]
@@ -66,7 +69,7 @@ def _ready(recording: Recording, role: str, c: Conditions) -> Measurement:
     return judged(name, wait_s - handled_s, "C1", c, how, clock=role)
 
 
-def _branch(role: str, decided: NDArray[Any], c: Conditions) -> Measurement:
+def _branch(role: str, status: NDArray[Any], decided: NDArray[Any], c: Conditions) -> Measurement:
     """Does the decision follow from the distance that the node reports?"""
     delta = decided["boot_delta_dps"]
     wanted = np.select(
@@ -82,7 +85,7 @@ def _branch(role: str, decided: NDArray[Any], c: Conditions) -> Measurement:
         c,
         f"{decided.size} CAL frames since the decision: below {WARN_DPS} dps applied, to "
         f"{REFUSE_DPS} warned, beyond refused",
-        details={"boot_checks": _names(decided["boot_check"])},
+        details={"decisions": _decisions(status)},
     )
 
 
@@ -157,6 +160,23 @@ def _estimator(recording: Recording, c: Conditions) -> list[Measurement]:
     return [judged("cal.leader.early_estimates", float(early), "C2", c, how)]
 
 
-def _names(checks: NDArray[Any]) -> list[str]:
+def _decisions(status: NDArray[Any]) -> list[dict[str, Any]]:
+    """One row for each change of decision, attempts or bias in force, in the order of sending."""
     names = {number: name for name, number in BOOT_CHECKS.items()}
-    return [names.get(int(check), str(int(check))) for check in np.unique(checks)]
+    rows: list[dict[str, Any]] = []
+    for frame in status:
+        x, y, z = (round(float(v), 3) for v in np.degrees(frame["gyro_bias_radps"]))
+        check = int(frame["boot_check"])
+        row = {
+            "boot check": names.get(check, str(check)),
+            "windows tried": int(frame["boot_attempts"]),
+            "off the stored bias, dps": round(float(frame["boot_delta_dps"]), 3),
+            "bias in force x, dps": x,
+            "y, dps": y,
+            "z, dps": z,
+        }
+        if not rows or row != rows[-1]:
+            rows.append(row)
+        if len(rows) == DECISIONS_MAX:
+            break
+    return rows

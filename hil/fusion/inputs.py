@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Final
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +33,7 @@ WAITING_MAX: Final = 64
 """Follower samples that may wait for the next step; the oldest are dropped beyond."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Run:
     """One start of the estimator: its inputs, the rate that it was started with, its place.
 
@@ -49,8 +50,17 @@ class Run:
     end: int
 
 
+_KEPT: WeakKeyDictionary[Recording, list[Run]] = WeakKeyDictionary()
+
+
 def runs(recording: Recording) -> list[Run]:
-    """Every start of the leader's estimator, in order of time."""
+    """Every start of the leader's estimator, in order of time. Kept."""
+    if recording not in _KEPT:
+        _KEPT[recording] = _runs(recording)
+    return _KEPT[recording]
+
+
+def _runs(recording: Recording) -> list[Run]:
     sent = frames(recording, "leader", "imu_batch")
     raw = rows(recording, "leader", "imu_batch")
     # Before their boot check has ended, samples are not for the estimator.

@@ -5,30 +5,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Final
+from typing import Any
 
 import numpy as np
 
 from hil.budget import Conditions, judged
 from hil.core import ESTIMATOR_SHA256
 from hil.fusion.inputs import Run, runs
+from hil.fusion.parity import repeat
 from hil.fusion.replay import compare, host_steps
 from hil.fusion.truth import Judged, judge
 from hil.measure import Measurement
-from hil.parity import (
-    attitude_error_rad,
-    first_steps,
-    relative_errors,
-    run_core,
-    run_reference,
-)
+from hil.parity import attitude_error_rad, relative_errors
 from hil.recording import Recording
 from hil.streams import frames, table
 from hil.timesync.analysis import Sync
-
-REFERENCE_STEPS: Final = 4000
-"""The reference is NumPy, and three hundred times slower than the core: ten seconds are enough to
-show a difference, and longer ones are for the unit tests."""
 
 
 def expected(recording: Recording) -> bool:
@@ -103,11 +94,10 @@ def firmware(recording: Recording, found: Sequence[Run], c: Conditions) -> list[
 
 def reference(run: Run, c: Conditions) -> list[Measurement]:
     """The core against the NumPy reference over the run's first seconds."""
-    cut = first_steps(run.samples, REFERENCE_STEPS)
-    ours, theirs = run_core(cut, run.params), run_reference(cut, run.params)
-    single = run_core(cut, run.params, np.float32)
+    repeated = repeat(run)
+    ours, single, theirs = repeated.double, repeated.single, repeated.reference
     how = f"{len(theirs)} steps from the start of the run, the same samples in both"
-    if len(theirs) == 0 or not np.array_equal(ours["step"], theirs["step"]):
+    if not repeated.comparable:
         how += "; the alignments ended apart, or never"
         return [judged("ekf.reference_error", math.nan, "K3", c, how)]
     # The baseline's step has a fixed length: near its minimum the last bits choose the direction.
@@ -175,7 +165,7 @@ def repetitions(found: Judged, c: Conditions) -> list[Measurement]:
             lines[0],
             c,
             how,
-            details={"errors_mmps": [round(float(x), 2) for x in mean]},
+            details={"mean_velocity": _table(found, "mean_mps")},
         ),
         judged(
             "ekf.peak_velocity_rmse_mmps",
@@ -183,7 +173,7 @@ def repetitions(found: Judged, c: Conditions) -> list[Measurement]:
             lines[1],
             c,
             how,
-            details={"errors_mmps": [round(float(x), 2) for x in peak]},
+            details={"peak_velocity": _table(found, "peak_mps")},
         ),
         judged(
             "ekf.repetitions_wrong",
@@ -193,3 +183,19 @@ def repetitions(found: Judged, c: Conditions) -> list[Measurement]:
             f"{len(found.missed)} missed, {len(found.invented)} invented; {how}",
         ),
     ]
+
+
+def _table(found: Judged, which: str) -> list[dict[str, Any]]:
+    """One row per true concentric phase that the estimate has, in order of time."""
+    rows = []
+    for true, estimated in found.pairs:
+        a, b = getattr(true, which) * 1e3, getattr(estimated, which) * 1e3
+        rows.append(
+            {
+                "begins at, s": round(true.t_start_s, 2),
+                "true, mm/s": round(a, 1),
+                "estimate, mm/s": round(b, 1),
+                "error, mm/s": round(b - a, 1),
+            }
+        )
+    return rows

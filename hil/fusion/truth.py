@@ -33,6 +33,7 @@ class Judged:
         tilt_error_rad: float64[n], angle between estimated and true vertical.
         levelled: bool[n], from the first zero-velocity update on: an estimator that began on a
             moving bar cannot know the level before.
+        zupt: bool[n], a zero-velocity update ran and was taken.
         false_zupt: frames with a zero-velocity update while either sensor truly moved.
         pairs: (true, estimated) concentric phases; ``missed`` and ``invented`` have no partner.
         rests: the bar is put down between the repetitions.
@@ -43,6 +44,7 @@ class Judged:
     true_velocity_z_mps: Float
     tilt_error_rad: Float
     levelled: NDArray[np.bool_]
+    zupt: NDArray[np.bool_]
     false_zupt: int
     pairs: Sequence[tuple[Concentric, Concentric]]
     missed: Sequence[Concentric]
@@ -92,6 +94,7 @@ def judge(recording: Recording, sync: Sync, states: NDArray[Any]) -> Judged | No
         motion.velocity_mps[:, 2],
         np.arcsin(np.clip(apart, 0.0, 1.0)),
         np.logical_or.accumulate(zupt),
+        zupt,
         int(np.sum(zupt & (speed > STILL_SPEED_MPS))),
         pairs,
         missed,

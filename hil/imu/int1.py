@@ -140,3 +140,38 @@ def late_ticks(b: Batches, decimation: int, at_ticks: Float) -> Float:
     sample = np.rint((at_ticks - begin[held]) / period[held])
     inside = (batch >= 0) & (sample < b.count[order][held] * decimation)
     return np.where(inside, at_ticks - begin[held] - sample * period[held], np.nan)
+
+
+def latency_ms(recording: Recording, role: str, sync: Sync) -> tuple[Int, Float]:
+    """From the rising edge of INT1 to the batch on the node's serial line.
+
+    The edge of a batch is the first at or after its last sample, or, where the burst has already
+    brought samples from after it, the last one before the frame.
+
+    Returns:
+        bench time of the frames in ns, int64[n] ascending, and latency in ms, float64[n].
+    """
+    nothing = np.zeros(0, dtype=np.int64), np.zeros(0)
+    channel = f"{role}.imu_int1"
+    if channel not in recording.edges.channels:
+        return nothing
+    t_ns, level = recording.edges.select(channel)
+    rising = t_ns[level == 1]
+    at_ticks = node_ticks(recording, role, sync, rising)
+    rising, at_ticks = rising[np.isfinite(at_ticks)], at_ticks[np.isfinite(at_ticks)]
+    b = since_setup(batches(recording, role, role))
+    timed = np.flatnonzero(b.has("hardware_time"))
+    last_ticks = b.t_first_ticks[timed] + (b.count[timed] - 1) * b.period_ticks[timed]
+    inside = np.zeros(0, dtype=bool)
+    if rising.size:
+        inside = (last_ticks >= at_ticks[0]) & (last_ticks <= at_ticks[-1])
+    if not np.any(inside):
+        return nothing
+    timed, last_ticks = timed[inside], last_ticks[inside]
+    seen = b.seen_t_ns_bench[timed]
+    edge = np.searchsorted(at_ticks, last_ticks - 0.5 * b.period_ticks[timed])
+    edge = np.minimum(edge, np.searchsorted(rising, seen, side="right") - 1)
+    keep = edge >= 0
+    order = np.argsort(seen[keep], kind="stable")
+    late_ms = (seen[keep] - rising[edge[keep]]) / 1e6
+    return seen[keep][order], np.asarray(late_ms[order], dtype=np.float64)

@@ -9,11 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.budget import line
+from hil.imu import fifo_series
 from hil.imu.batches import Batches, batches, sample_rate_hz, since_setup, without_rests
-from hil.imu.chip import FIFO_WORDS, fifo_stats, has_chip, rests
+from hil.imu.chip import has_chip, rests
 from hil.imu.int1 import edge_errors_us
 from hil.imu.measures import ages_ms
-from hil.imu.truth import compare, time_error_us
+from hil.imu.truth import compare, period_errors, time_error_us
 from hil.recording import Recording
 from hil.series import LimitLine, Series
 from hil.streams import ROLES
@@ -23,7 +24,7 @@ Float = NDArray[np.float64]
 
 
 def series(recording: Recording, sync: Sync) -> list[Series]:
-    """Rate, latency, FIFO level, and sample times against the chip and its interrupt line."""
+    """Rate, latency, FIFO, and sample times against the chip and its interrupt line."""
     own = {role: since_setup(batches(recording, role, role)) for role in ROLES}
     copy = since_setup(batches(recording, "leader", "follower"))
     return [
@@ -33,9 +34,10 @@ def series(recording: Recording, sync: Sync) -> list[Series]:
             if len(own[role])
         ),
         *latency(own["follower"], copy, sync),
-        *(found for role in ROLES for found in fifo_level(recording, role, sync)),
         *(found for role in ROLES for found in int1_error(recording, role, sync)),
         *(found for role in ROLES for found in time_error(recording, role, sync)),
+        *(found for role in ROLES for found in period_error(recording, role, sync)),
+        *fifo_series.series(recording, sync),
     ]
 
 
@@ -85,33 +87,6 @@ def latency(own: Batches, copy: Batches, sync: Sync) -> list[Series]:
     ]
 
 
-def fifo_level(recording: Recording, role: str, sync: Sync) -> list[Series]:
-    """Largest FIFO level of each second."""
-    stats = fifo_stats(recording, role)
-    if len(stats) == 0 or not has_chip(recording, role):
-        return []
-    share = line("F2").limits(sync.conditions).high
-    assert share is not None
-    return [
-        Series(
-            name=f"fifo.{role}.level",
-            title=role,
-            x_unit="s",
-            y_unit="1",
-            x=np.maximum.accumulate(stats.seen_t_ns_bench) / 1e9,
-            y=stats.count("level_max").astype(np.float64),
-            limits=(LimitLine(share * FIFO_WORDS, f"{share * FIFO_WORDS:g} words, F2"),),
-            clock="bench",
-            y_label="largest level, words",
-            plot="fifo.level",
-            plot_title="IMU FIFO level",
-            check=f"fifo.{role}.level_max_share",
-            caption=f"Words in the FIFO when it was read, largest since the frame before; it holds "
-            f"{FIFO_WORDS}.",
-        )
-    ]
-
-
 def int1_error(recording: Recording, role: str, sync: Sync) -> list[Series]:
     """Rising edges of INT1 on the analyser against the sample instants of the batches."""
     if not has_chip(recording, role):
@@ -156,6 +131,41 @@ def time_error(recording: Recording, role: str, sync: Sync) -> list[Series]:
             check=f"imu.{role}.truth_time_error_us",
             caption="Hardware time of each batch's first sample minus the instant at which the "
             "simulated chip took it.",
+        )
+    ]
+
+
+def period_error(recording: Recording, role: str, sync: Sync) -> list[Series]:
+    """Decoded rate against the simulated chip's own."""
+    if not has_chip(recording, role):
+        return []
+    found = compare(recording, role, sync)
+    t_us, error_ppm = (np.zeros(0), np.zeros(0)) if isinstance(found, str) else period_errors(found)
+    if t_us.size == 0:
+        return []
+    high = line("I8").limits(sync.conditions).high
+    assert high is not None
+    order = np.argsort(t_us, kind="stable")
+    return [
+        Series(
+            name=f"imu.{role}.period_error",
+            title=role,
+            x_unit="s",
+            y_unit="ppm",
+            x=t_us[order] / 1e6,
+            y=error_ppm[order],
+            limits=(
+                LimitLine(high, f"+{high:g} ppm, I8"),
+                LimitLine(-high, f"−{high:g} ppm, I8", "below"),
+            ),
+            clock="bench",
+            y_label="period in the batch over the chip's, minus one",
+            plot="imu.period_error",
+            plot_title="Decoded rate against the chip's",
+            check=f"imu.{role}.truth_period_error_ppm",
+            caption="The driver's period against the one at which the simulated chip sampled, on "
+            "the node's clock, over half a second. The model's oscillator is off by a constant and "
+            "drifts slowly; a real one also follows temperature and supply.",
         )
     ]
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from hil.budget import judged
 from hil.imu.batches import WARM_UP_S, Batches, batches, since_setup
 from hil.imu.chip import FifoStats, fifo_stats, has_chip
-from hil.imu.correct import Correction, correction, expected_counts
+from hil.imu.correct import Correction, changed, correction, expected_counts
 from hil.imu.tie import Tie, counts_bytes, tie
 from hil.measure import Measurement
 from hil.recording import ImuTruth, Recording
@@ -101,7 +101,10 @@ def measure(recording: Recording, role: str, sync: Sync) -> list[Measurement]:
         _largest(f"{prefix}_time_error_us", time_error_us(found), "I7", sync, "hardware times"),
         _largest(f"{prefix}_period_error_ppm", period_error_ppm(found), "I8", sync, "periods"),
     ]
-    if found.stats.decimation == 1:
+    if changed(recording, role):
+        how = "not compared: the calibration in force changed within the run"
+        result.append(judged(f"{prefix}_samples_wrong", None, "I1", c, how))
+    elif found.stats.decimation == 1:
         wrong, compared = samples_wrong(found)
         how = (
             f"{compared} streamed samples against the chip's counts of their slots, corrected as "
@@ -128,23 +131,28 @@ def time_error_us(c: Compared) -> Float:
 
 def period_error_ppm(c: Compared) -> Float:
     """float64[k]: each batch's period against the chip's on the node's clock, past warm-up."""
+    return period_errors(c)[1]
+
+
+def period_errors(c: Compared) -> tuple[Float, Float]:
+    """True time in us of each batch, and as :func:`period_error_ppm`; float64[k] each."""
     t = c.b.t_first_ticks[c.timed]
     run = c.truth.run[c.slot_row]
     begun = np.array([t[run == r].min() for r in run]) if len(np.unique(run)) > 1 else t[:1]
     warm = t >= begun + WARM_UP_S * TICK_RATE_HZ
     row, run = c.slot_row[warm], run[warm]
     if row.size == 0:
-        return np.zeros(0)
+        return np.zeros(0), np.zeros(0)
     step_s = float(np.median(np.diff(c.truth.t_us_true))) / 1e6
     reach = max(1, round(0.5 * PERIOD_SPAN_S / step_s))
     first, last = np.maximum(row - reach, 0), np.minimum(row + reach, len(c.truth) - 1)
     whole = (c.truth.run[first] == run) & (c.truth.run[last] == run)
-    first, last = first[whole], last[whole]
+    row, first, last = row[whole], first[whole], last[whole]
     slots = c.truth.slot[last].astype(np.float64) - c.truth.slot[first]
     ticks = [c.clock.ticks(1e3 * c.truth.t_us_true[end]) for end in (first, last)]
     period = (ticks[1] - ticks[0]) / slots
     said = c.b.period_ticks[c.timed][warm][whole] / c.stats.decimation
-    return np.asarray((said / period - 1.0) * 1e6, dtype=np.float64)
+    return c.truth.t_us_true[row], np.asarray((said / period - 1.0) * 1e6, dtype=np.float64)
 
 
 def samples_wrong(c: Compared) -> tuple[int, int]:
@@ -192,23 +200,39 @@ def _checksums(name: str, c: Compared, sync: Sync) -> Measurement:
     return judged(name, float(wrong), "I1", sync.conditions, how, details=details)
 
 
-def _unread(prefix: str, c: Compared, sync: Sync) -> Measurement:
-    """Slots in the FIFO neither delivered, nor dropped as unsettled, nor possibly waiting."""
+def slots_waiting(c: Compared) -> tuple[Float, Int]:
+    """Slots that the chip put into its FIFO and the driver has neither delivered nor dropped.
+
+    Returns:
+        true time in us of each ``fifo_stats`` frame since the first delivered sample, float64[n],
+        and slots, int64[n]: those that wait in the FIFO or in the driver, and those that are lost.
+    """
     stats = c.stats
     first_row = int(c.tie.row(np.zeros(1, dtype=np.int64))[0])
     began = int(np.argmax(stats.count("samples") > 0))
-    until_us = float(c.clock.true_ns(stats.t_ticks[-1:])[0]) / 1e3
+    until_us = np.asarray(c.clock.true_ns(stats.t_ticks[began:]) / 1e3, dtype=np.float64)
     mine = c.truth.has("in_fifo") & (np.arange(len(c.truth)) >= first_row)
-    sampled = int(np.sum(mine & (c.truth.t_us_true <= until_us)))
-    delivered = int(stats.last("samples"))
-    unsettled = stats.count("samples_unsettled")
-    dropped = int(unsettled[-1] - unsettled[began])
+    sampled = np.searchsorted(np.sort(c.truth.t_us_true[mine]), until_us, side="right")
+    unsettled = stats.count("samples_unsettled")[began:]
+    taken = stats.count("samples")[began:] + unsettled - unsettled[:1]
+    return until_us, np.asarray(sampled - taken, dtype=np.int64)
+
+
+def may_wait(stats: FifoStats) -> int:
+    """Slots that may be waiting in a FIFO and in the driver without anything being wrong."""
     level = max(stats.last("level_max"), stats.last("watermark"))
     # A rest discards what the FIFO holds when it begins.
-    waiting = (int(level) // WORDS_PER_SLOT + BATCH_SAMPLES) * (1 + int(stats.last("wake_ups")))
+    return (int(level) // WORDS_PER_SLOT + BATCH_SAMPLES) * (1 + int(stats.last("wake_ups")))
+
+
+def _unread(prefix: str, c: Compared, sync: Sync) -> Measurement:
+    """Slots in the FIFO neither delivered, nor dropped as unsettled, nor possibly waiting."""
+    waiting, allowed = int(slots_waiting(c)[1][-1]), may_wait(c.stats)
+    delivered = int(c.stats.last("samples"))
     how = (
-        f"{sampled} slots from the first delivered to the last fifo_stats frame, less {delivered} "
-        f"delivered, {dropped} dropped as unsettled, and up to {waiting} that may be waiting"
+        f"{waiting} slots of the chip's FIFO from the first delivered to the last fifo_stats "
+        f"frame are neither among the {delivered} delivered nor dropped as unsettled, less up to "
+        f"{allowed} that may be waiting"
     )
-    value = float(max(0, sampled - delivered - dropped - waiting))
+    value = float(max(0, waiting - allowed))
     return judged(f"{prefix}_slots_unread", value, "I1", sync.conditions, how)

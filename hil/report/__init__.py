@@ -9,7 +9,27 @@
 from __future__ import annotations
 
 from hil.report import terminal
-from hil.report.document import Document, NotRun, Result, build, passed, sound
+from hil.report.document import (
+    EXIT_CODES,
+    Document,
+    NotRun,
+    Result,
+    build,
+    gravest_outcome,
+    passed,
+    sound,
+)
 from hil.report.files import write
 
-__all__ = ["Document", "NotRun", "Result", "build", "passed", "sound", "terminal", "write"]
+__all__ = [
+    "EXIT_CODES",
+    "Document",
+    "NotRun",
+    "Result",
+    "build",
+    "gravest_outcome",
+    "passed",
+    "sound",
+    "terminal",
+    "write",
+]

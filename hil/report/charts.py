@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Series of the report document -> charts as the page's script draws them, packed small."""
+"""Series of the report document -> charts: timelines packed small for the page's script to draw,
+histograms and curves over a logarithmic axis as plain numbers for a still figure."""
 
 from __future__ import annotations
 
@@ -59,13 +60,19 @@ def _chart(run_id: str, key: str, traces: list[Mapping[str, Any]]) -> Chart:
         else texts.scale(first["x_unit"], bounds + x_values if kind == "histogram" else x_values)
     )
     y_scale = texts.scale(first["y_unit"], y_values + (bounds if kind != "histogram" else []))
+    if first["y_log"] and first["y_unit"] == "1":
+        # Decades say more than parts per billion of them.
+        y_scale = texts.Scale(1.0, "")
     across = x_scale if kind == "histogram" else y_scale
     several = len(traces) > 1
+    still = kind == "histogram" or first["x_log"]
+    trace = _plain_trace if still else _trace
     return {
         "key": key,
         "anchor": f"{run_id}/plot/{anchor(key)}",
         "span": max(x_values) - min(x_values) if time_axis and x_values else 0.0,
         "wide": time_axis,
+        "still": still,
         "title": next((t["plot_title"] for t in traces if t["plot_title"]), "") or first["title"],
         "captions": list(dict.fromkeys(t["caption"] for t in traces if t["caption"])),
         "checks": list(dict.fromkeys(t["check"] for t in traces if t["check"])),
@@ -88,7 +95,7 @@ def _chart(run_id: str, key: str, traces: list[Mapping[str, Any]]) -> Chart:
             "xLog": first["x_log"],
             "yLog": first["y_log"],
             "limits": [{**line, "value": line["value"] / across.factor} for line in limits],
-            "traces": [_trace(t, x_scale.factor, y_scale.factor) for t in traces],
+            "traces": _shared([trace(t, x_scale.factor, y_scale.factor) for t in traces]),
         },
     }
 
@@ -144,12 +151,29 @@ def _trace(trace: Mapping[str, Any], x_factor: float, y_factor: float) -> dict[s
     return {
         "label": trace["title"],
         "kind": trace["kind"],
-        "x": _pack(x, (max(x) - min(x)) * _X_DIGITS if x else 0.0, delta=True)
-        if not trace["x_log"]
-        else {"v": [_short(v) for v in x]},
+        "x": _pack(x, (max(x) - min(x)) * _X_DIGITS if x else 0.0, delta=True),
         "y": _pack(y, _y_step(y), delta=False)
         if not trace["y_log"]
         else {"v": [_short(v) for v in y]},
+    }
+
+
+def _shared(traces: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """An x that is that of the first trace is not said twice."""
+    first, *others = traces
+    for trace in others:
+        if "o" in first["x"] and trace["x"] == first["x"]:
+            trace["x"] = None
+    return traces
+
+
+def _plain_trace(trace: Mapping[str, Any], x_factor: float, y_factor: float) -> dict[str, Any]:
+    """As numbers: a still figure is drawn here and not in the page."""
+    return {
+        "label": trace["title"],
+        "kind": trace["kind"],
+        "x": [v / x_factor for v in trace["x"]],
+        "y": [None if v is None else v / y_factor for v in trace["y"]],
     }
 
 
@@ -178,4 +202,4 @@ def _pack(values: Sequence[float | None], step: float, *, delta: bool) -> dict[s
 
 
 def _short(value: float | None) -> float | None:
-    return None if value is None else float(f"{value:.5g}")
+    return None if value is None else float(f"{value:.4g}")

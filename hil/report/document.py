@@ -13,7 +13,6 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Final
 
@@ -23,13 +22,14 @@ from hil.budget import BY_ID
 from hil.library import SOURCE_LABELS
 from hil.measure import Measurement, Verdict
 from hil.recording import Recording
+from hil.report import rig
 from hil.report.decimate import min_max
 from hil.report.knowledge import CANNOT_TELL, SUMMARY
 from hil.report.plain import plain, text
 from hil.series import Series
 
 SCHEMA_ID: Final = "urn:hil:report:1"
-SCHEMA_VERSION: Final = "1.0"
+SCHEMA_VERSION: Final = "1.1"
 MAX_POINTS: Final = 6000
 """Points kept of one trace: more than twice the pixels that a wide screen has for it."""
 
@@ -98,9 +98,14 @@ def build(results: Iterable[Judged], *, generated_utc: str | None = None) -> Doc
         "$schema": SCHEMA_ID,
         "schema_version": SCHEMA_VERSION,
         "generated_utc": generated_utc or datetime.now(UTC).isoformat(timespec="seconds"),
-        "tool": {"name": "hil", "version": _version(), "python": platform.python_version()},
+        "tool": {
+            "name": "hil",
+            "version": rig.package_version("hil"),
+            "python": platform.python_version(),
+        },
+        "rig": rig.describe(),
         "verdict": worst(_counted_verdict(r) for r in recordings).value,
-        "outcome": _overall_outcome(recordings),
+        "outcome": gravest_outcome(_counted_outcome(r) for r in recordings),
         "budget": _budget(recordings),
         "recordings": recordings,
     }
@@ -119,6 +124,23 @@ def sound(document: Mapping[str, Any]) -> bool:
     counts for neither, but a report needs at least one that was judged.
     """
     return bool(document["outcome"] == "pass")
+
+
+EXIT_CODES: Final[Mapping[str, int]] = {
+    "pass": 0,
+    "product_failure": 1,
+    "inconclusive": 1,
+    "rig_failure": 10,
+    "not_run_live": 11,
+}
+"""Outcome -> exit code of the command that found it; 2 is wrong use, as in every Unix tool."""
+
+
+def gravest_outcome(outcomes: Iterable[str]) -> str:
+    """The outcome of several runs; ``not_run_live`` only when nothing else was found."""
+    found = set(outcomes)
+    order = ("product_failure", "rig_failure", "inconclusive", "pass")
+    return next((o for o in order if o in found), "not_run_live")
 
 
 def slug(name: str) -> str:
@@ -177,6 +199,7 @@ def _recording(result: Result) -> Document:
         },
         "contents": _contents(recording),
         "file": _file(recording.path),
+        "attachments": _attachments(recording.path),
         "provenance": {
             "created_utc": text(provenance.created_utc),
             "scenario": scenario,
@@ -209,6 +232,7 @@ def _not_run(run: NotRun) -> Document:
         "integrity": None,
         "contents": None,
         "file": None,
+        "attachments": [],
         "provenance": None,
         "measurements": [],
         "series": [],
@@ -272,12 +296,6 @@ def _counted_outcome(entry: Mapping[str, Any]) -> str:
     return str(entry["outcome"])
 
 
-def _overall_outcome(entries: Sequence[Mapping[str, Any]]) -> str:
-    outcomes = {_counted_outcome(r) for r in entries}
-    order = ("product_failure", "rig_failure", "inconclusive", "pass")
-    return next((o for o in order if o in outcomes), "not_run_live")
-
-
 def _contents(recording: Recording) -> Document:
     last = [0]
     for stream in recording.serial.values():
@@ -317,6 +335,21 @@ def _file(path: Path | None) -> Document | None:
     with path.open("rb") as stream:
         digest = hashlib.file_digest(stream, "sha256").hexdigest()
     return {"name": text(path.name), "sha256": digest, "size_bytes": path.stat().st_size}
+
+
+def _attachments(path: Path | None) -> list[Document]:
+    """The recording and the README that says where it came from, each with its hash."""
+    if path is None:
+        return []
+    found = []
+    for kind, file in (("recording", path), ("readme", path.parent / "README.md")):
+        described = _file(file)
+        if described is not None:
+            place = text(file.as_posix())
+            found.append(
+                {"kind": kind, "path": place, **{k: described[k] for k in ("size_bytes", "sha256")}}
+            )
+    return found
 
 
 def _series(series: Series) -> Document:
@@ -385,10 +418,3 @@ def _unique(wanted: str, taken: set[str]) -> str:
         name = f"{wanted}-{n}"
     taken.add(name)
     return name
-
-
-def _version() -> str:
-    try:
-        return version("hil")
-    except PackageNotFoundError:
-        return "unknown"

@@ -10,13 +10,13 @@ from typing import Any
 
 from hil.atomic import write_whole
 from hil.errors import HilError
-from hil.report import html, junit
+from hil.report import badge, html, junit
 
 
 def write(document: Mapping[str, Any], directory: Path) -> None:
-    """Write ``report.json``, ``junit.xml`` and ``index.html`` into ``directory``.
+    """Write ``report.json``, ``junit.xml``, ``badge.json`` and ``index.html`` into ``directory``.
 
-    All three are computed before the first is written, and each replaces its predecessor in one
+    All are computed before the first is written, and each replaces its predecessor in one
     step, so that a failure leaves the earlier report as it was.
 
     Raises:
@@ -25,6 +25,7 @@ def write(document: Mapping[str, Any], directory: Path) -> None:
     contents = {
         "report.json": json.dumps(document, allow_nan=False, separators=(",", ":")) + "\n",
         "junit.xml": junit.render(document),
+        "badge.json": json.dumps(badge.render(document)) + "\n",
         "index.html": html.render(document),
     }
     try:

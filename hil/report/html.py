@@ -20,8 +20,8 @@ from typing import Any, Final
 from jinja2 import DictLoader, Environment, StrictUndefined
 from markupsafe import Markup
 
+from hil.report import budget, margin, still, words
 from hil.report import text as texts
-from hil.report import words
 from hil.report.charts import charts
 
 _GAUGE_WIDTH: Final = 120.0
@@ -34,7 +34,7 @@ def render(document: Mapping[str, Any]) -> str:
     Raises:
         ValueError: series that share a plot do not fit each other.
     """
-    runs = [_run(entry) for entry in document["recordings"]]
+    runs = [_run(entry, document["budget"]) for entry in document["recordings"]]
     verdict, sentence = words.headline(document)
     styles = _asset("uplot/uPlot.min.css") + _asset("report.css")
     early, late = _asset("theme.js"), _asset("uplot/uPlot.iife.min.js") + "\n" + _asset("report.js")
@@ -46,7 +46,7 @@ def render(document: Mapping[str, Any]) -> str:
         failures=[
             {"run": run, **row} for run in runs for row in run["rows"] if row["verdict"] == "fail"
         ],
-        budget=_budget(document["budget"], runs),
+        budget=budget.of_all(document["budget"], runs),
         quantities={line["id"]: line["quantity"] for line in document["budget"]},
         unknowns=_unknowns(document["recordings"]),
         styles=Markup(styles),  # noqa: S704 (our own assets)
@@ -54,10 +54,16 @@ def render(document: Mapping[str, Any]) -> str:
         late_script=Markup(late),  # noqa: S704
         policy=_policy(styles, (early, late)),
         chart_data=island(
-            {c["anchor"]: c["data"] for run in runs for c in run["charts"] if not c["empty"]}
+            {
+                c["anchor"]: c["data"]
+                for run in runs
+                for c in run["charts"]
+                if not c["empty"] and not c["still"]
+            }
         ),
         made=texts.moment(document["generated_utc"]),
         words=words,
+        percent=margin.percent,
         count=words.count,
     )
     return page
@@ -71,10 +77,11 @@ def island(value: Any) -> Markup:
     return Markup(text)  # noqa: S704 (the three characters that end a script are gone)
 
 
-def _run(entry: Mapping[str, Any]) -> dict[str, Any]:
+def _run(entry: Mapping[str, Any], lines: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     rows = [_row(entry, m) for m in entry["measurements"]]
     by_id = {row["id"]: row for row in rows}
     contents, integrity = entry["contents"], entry["integrity"]
+    drawn = [_figure(c, rows) for c in charts(entry["id"], entry["series"])]
     return {
         "id": entry["id"],
         "entry": entry,
@@ -86,11 +93,9 @@ def _run(entry: Mapping[str, Any]) -> dict[str, Any]:
         "judged": "judged while it ran" if entry["judged"] == "live" else "replayed",
         "duration": texts.duration(contents["duration_s"]) if contents else "–",
         "damaged": bool(integrity and (integrity["problems"] or not integrity["complete"])),
-        "charts": [
-            # A link only to checks that are on the page.
-            {**c, "checks": [row for row in rows if row["name"] in c["checks"]]}
-            for c in charts(entry["id"], entry["series"])
-        ],
+        "budget": budget.of_run(lines, entry["id"], rows),
+        "charts": drawn,
+        "chart_groups": _under_headings(drawn),
         "facts": _facts(entry),
         "images": _images(entry),
         "scenario": _flat((entry["provenance"] or {}).get("scenario", {})),
@@ -113,6 +118,26 @@ def _groups(
     return found
 
 
+def _figure(chart: Mapping[str, Any], rows: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """A chart with the checks that judge it, of those on the page, their tables and its picture."""
+    checks = [row for row in rows if row["name"] in chart["checks"]]
+    drawn = chart["still"] and not chart["empty"]
+    return {
+        **chart,
+        "checks": checks,
+        "tables": [table for row in checks for table in row["tables"]],
+        "picture": still.render(chart["data"], chart["anchor"] + "~title") if drawn else "",
+    }
+
+
+def _under_headings(drawn: Sequence[dict[str, Any]]) -> list[tuple[str, list[dict[str, Any]]]]:
+    """Charts under the headings that the checks have, in order of first appearance."""
+    found: dict[str, list[dict[str, Any]]] = {}
+    for chart in drawn:
+        found.setdefault(words.group_title(chart["key"]), []).append(chart)
+    return list(found.items())
+
+
 def _tally(rows: Sequence[Mapping[str, Any]]) -> list[tuple[str, int]]:
     """(verdict, how many), without those that do not occur."""
     counted = {v: sum(row["verdict"] == v for row in rows) for v in words.VERDICTS}
@@ -129,8 +154,10 @@ def _row(entry: Mapping[str, Any], measurement: Mapping[str, Any]) -> dict[str, 
         "measured": shown.measured,
         "allowed": shown.allowed,
         "budget": measurement["budget"],
+        "used": margin.used(measurement),
         "how": _how(measurement),
-        "details": _flat(measurement["details"]),
+        "details": _flat({k: v for k, v in measurement["details"].items() if not _is_table(v)}),
+        "tables": [_table(name, v) for name, v in measurement["details"].items() if _is_table(v)],
         "expected_fail": measurement["expected_fail"],
         "gauge": _gauge(measurement),
     }
@@ -142,26 +169,6 @@ def _how(measurement: Mapping[str, Any]) -> str:
     sentence = f"{how[:1].upper()}{how[1:]}." if how else ""
     clock = measurement["clock"]
     return f"{sentence} Clock: {clock}." if clock else sentence
-
-
-def _budget(lines: Sequence[Mapping[str, Any]], runs: Sequence[Mapping[str, Any]]) -> list[Any]:
-    """Each line of the error budget with what every run measured under it."""
-    return [
-        {
-            **line,
-            "cells": [
-                _gravest([r for r in run["rows"] if r["budget"] == line["id"]]) for run in runs
-            ],
-        }
-        for line in lines
-    ]
-
-
-def _gravest(rows: Sequence[dict[str, Any]]) -> dict[str, Any] | None:
-    """Of several measurements under one line, the one with the worst verdict."""
-    order = ("fail", "inconclusive", "marginal", "pass", "unset")
-    ranked = sorted(rows, key=lambda row: order.index(row["verdict"]))
-    return {**ranked[0], "others": len(ranked) - 1} if ranked else None
 
 
 def _gauge(measurement: Mapping[str, Any]) -> dict[str, Any] | None:
@@ -256,6 +263,28 @@ def _images(entry: Mapping[str, Any]) -> list[dict[str, Any]]:
         }
         for role in roles
     ]
+
+
+def _is_table(value: Any) -> bool:
+    """Whether it is a list of flat mappings with the same keys, each a row."""
+    return (
+        isinstance(value, list)
+        and bool(value)
+        and all(isinstance(row, Mapping) and list(row) == list(value[0]) for row in value)
+        and not any(isinstance(cell, Mapping | list) for row in value for cell in row.values())
+    )
+
+
+def _table(name: str, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    return {
+        "title": name.replace("_", " ").capitalize(),
+        "head": list(rows[0]),
+        "rows": [[(_scalar(cell), _is_number(cell)) for cell in row.values()] for row in rows],
+    }
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _flat(value: Any, prefix: str = "") -> list[tuple[str, str]]:

@@ -20,26 +20,36 @@ from hil.report.plain import text as clean
 def render(document: Mapping[str, Any]) -> str:
     """The XML text for a document made by :func:`hil.report.document.build`."""
     root = ET.Element("testsuites", name="hil")
-    suites = [_suite(root, entry, document["generated_utc"]) for entry in document["recordings"]]
+    suites = [_suite(root, entry, document) for entry in document["recordings"]]
     for key in ("tests", "failures", "errors", "skipped"):
         root.set(key, str(sum(int(suite.get(key, "0")) for suite in suites)))
     ET.indent(root)
     return '<?xml version="1.0" encoding="utf-8"?>\n' + ET.tostring(root, encoding="unicode") + "\n"
 
 
-def _suite(root: ET.Element, entry: Mapping[str, Any], timestamp: str) -> ET.Element:
-    suite = ET.SubElement(root, "testsuite", name=_text(entry["id"]), timestamp=_text(timestamp))
+def _suite(root: ET.Element, entry: Mapping[str, Any], document: Mapping[str, Any]) -> ET.Element:
+    when = _text(document["generated_utc"])
+    suite = ET.SubElement(root, "testsuite", name=_text(entry["id"]), timestamp=when)
+    git = document["rig"]["git"]
     properties = {
+        "rig.commit": git["commit"],
+        "rig.state": git["state"],
         "source": entry["source_label"],
         "judged": entry["judged"],
         "verdict": entry["verdict"],
         "outcome": entry["outcome"],
         "expect_fail": ", ".join(entry["expect_fail"]),
     }
+    for file in entry["attachments"]:
+        properties[f"attachment.{file['kind']}"] = file["path"]
+        properties[f"attachment.{file['kind']}.sha256"] = file["sha256"]
     if entry["provenance"]:
+        properties["created_utc"] = entry["provenance"]["created_utc"]
         properties["schema_hash"] = entry["provenance"]["schema_hash"]
         for role, image in entry["provenance"]["images"].items():
             properties[f"build_id.{role}"] = str(image.get("build_id", ""))
+        for role, device in entry["provenance"]["devices"].items():
+            properties[f"device_id.{role}"] = device["device_id"]
     _properties(suite, properties)
     if entry["outcome"] == "rig_failure":
         case = ET.SubElement(suite, "testcase", classname=_text(entry["id"]), name="rig")
@@ -70,8 +80,10 @@ def _case(suite: ET.Element, entry: Mapping[str, Any], measurement: Mapping[str,
             **{key: measurement[key] for key in ("value", "unit", "uncertainty", "verdict")},
             "limit.low": measurement["limits"]["low"],
             "limit.high": measurement["limits"]["high"],
+            "limit.marginal": measurement["limits"]["marginal"],
             "budget": measurement["budget"],
             "clock": measurement["clock"],
+            "how": measurement["how"],
         },
     )
     shown = texts.quantity(measurement)

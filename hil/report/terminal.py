@@ -14,7 +14,7 @@ from rich.text import Text
 from hil.report import text as texts
 from hil.report import words
 
-_STYLES: Final[Mapping[str, str]] = {
+STYLES: Final[Mapping[str, str]] = {
     "pass": "green",
     "marginal": "yellow",
     "fail": "bold red",
@@ -41,7 +41,7 @@ def render(document: Mapping[str, Any], console: Console) -> None:
             if measurement["verdict"] in ("fail", "inconclusive"):
                 _print(console, _complaint(entry, measurement))
     verdict, sentence = words.headline(document)
-    _print(console, Text(_sign(verdict) + sentence, _STYLES[verdict]))
+    _print(console, Text(_sign(verdict) + sentence, STYLES[verdict]))
 
 
 def _complaint(entry: Mapping[str, Any], measurement: Mapping[str, Any]) -> Text:
@@ -49,7 +49,7 @@ def _complaint(entry: Mapping[str, Any], measurement: Mapping[str, Any]) -> Text
     shown = texts.quantity(measurement)
     verdict = measurement["verdict"]
     return Text.assemble(
-        (_sign(verdict), _STYLES[verdict]),
+        (_sign(verdict), STYLES[verdict]),
         f"{entry['name']}: ",
         (measurement["name"], "bold"),
         f" is {shown.measured}, limit {shown.allowed}, error budget {measurement['budget']}",
@@ -62,14 +62,14 @@ def _run(entry: Mapping[str, Any], console: Console) -> None:
     _print(
         console,
         Text.assemble(
-            (_sign(verdict) + words.run_title(entry), _STYLES[verdict]),
+            (_sign(verdict) + words.run_title(entry), STYLES[verdict]),
             "  ",
             (entry["name"], "bold"),
             (f"  {entry['source_label']}", "dim"),
         ),
     )
     if entry["outcome"] in ("rig_failure", "not_run_live"):
-        _print(console, Text(f"  {entry['outcome_reason']}", _STYLES[verdict]))
+        _print(console, Text(f"  {entry['outcome_reason']}", STYLES[verdict]))
     for problem in (entry["integrity"] or {"problems": ()})["problems"]:
         if problem not in entry["outcome_reason"]:
             _print(console, Text(f"  recording: {problem}", "magenta"))
@@ -91,7 +91,7 @@ def _table(entry: Mapping[str, Any]) -> Table:
         bad = verdict in ("fail", "inconclusive")
         note = Text("\nmade to fail", "dim") if measurement["expected_fail"] else Text()
         table.add_row(
-            Text(_sign(verdict) + words.VERDICTS[verdict], _STYLES[verdict]),
+            Text(_sign(verdict) + words.VERDICTS[verdict], STYLES[verdict]),
             Text(measurement["name"], "bold" if bad else "") + note,
             Text("–" if measurement["value"] is None else shown.measured, "bold" if bad else ""),
             Text(shown.allowed),

@@ -12,6 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.core import calib
+
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 
@@ -108,16 +110,16 @@ def deviations(x: Float, y: Float, neighbours: int = 128) -> Float:
     return result
 
 
-def allan_deviation(t_s: Float, phase_s: Float, points: int = 24) -> tuple[Float, Float]:
+def allan_deviation(t_s: Float, phase_s: Float) -> tuple[Float, Float]:
     """Overlapping Allan deviation of a phase record (IEEE Std 1139).
 
     Args:
         t_s: float64[n], ascending, about evenly spaced; gaps are bridged by straight lines.
         phase_s: float64[n].
-        points: averaging times, spread evenly on a logarithmic scale up to a quarter of the record.
 
     Returns:
-        averaging times in s and deviations (1), float64[k] each; empty for a short record.
+        averaging times in s, log-spaced up to a quarter of the record, and deviations (1),
+        float64[k] each; empty for a short record.
     """
     if t_s.size < 16:
         return np.zeros(0), np.zeros(0)
@@ -129,10 +131,6 @@ def allan_deviation(t_s: Float, phase_s: Float, points: int = 24) -> tuple[Float
     trend = (phase_s[-1] - phase_s[0]) / span
     small = phase_s - phase_s[0] - trend * (t_s - t_s[0])
     grid = np.arange(0.0, span, step)
-    x = np.interp(grid, t_s - t_s[0], small)
-    strides = np.unique(np.geomspace(1, x.size // 4, points).astype(np.int64))
-    deviation = np.empty(strides.size)
-    for i, m in enumerate(strides):
-        second = x[2 * m :] - 2.0 * x[m : x.size - m] + x[: x.size - 2 * m]
-        deviation[i] = np.sqrt(np.mean(second**2) / 2.0) / (m * step)
-    return np.asarray(strides * step, dtype=np.float64), deviation
+    rate = np.diff(np.interp(grid, t_s - t_s[0], small)) / step
+    tau_s, deviation, _ = calib.allan_deviation(rate, 1.0 / step)
+    return tau_s, deviation

@@ -175,21 +175,15 @@ def compare_to_edge(recording: Recording, sync: Sync) -> Measurement:
     if not sync.truth:
         value, how = absent(sync, "")
         return judged(name, value, "G2", sync.conditions, how)
-    worst: dict[str, float] = {}
-    without = 0
-    n = 0
-    for role in ROLES:
-        edges = _edge_channel(recording, f"{role}.pulse")
-        mine = sync.pulses[role]
-        mine = mine.take(sync.settled(mine.scheduled_ticks_leader) & ~mine.late)
-        mine = _emitted_before_end(recording, sync, role, mine)
-        if edges is None or len(mine) == 0:
+    found = {role: edge_lateness_ns(recording, sync, role) for role in ROLES}
+    for role, (_, late_ns) in found.items():
+        if late_ns.size == 0:
             how = f"no pulse of the {role} while locked, or its pin was not watched"
             return judged(name, math.nan, "G2", sync.conditions, how)
-        distance = np.abs(nearest(edges, sync.truth.clocks[role].true_ns(mine.compare_ticks_node)))
-        worst[role] = float(np.max(distance))
-        without += int(np.sum(distance > EDGE_AT_COMPARE_NS))
-        n += len(mine)
+    distance = {role: np.abs(late_ns) for role, (_, late_ns) in found.items()}
+    worst = {role: float(np.max(apart)) for role, apart in distance.items()}
+    without = sum(int(np.sum(apart > EDGE_AT_COMPARE_NS)) for apart in distance.values())
+    n = sum(apart.size for apart in distance.values())
     return judged(
         name,
         max(worst.values()),
@@ -199,6 +193,21 @@ def compare_to_edge(recording: Recording, sync: Sync) -> Measurement:
         "of the programmed COMPARE",
         details={**worst, "without_edge": without},
     )
+
+
+def edge_lateness_ns(recording: Recording, sync: Sync, role: str) -> tuple[Float, Float]:
+    """True time in ns of each COMPARE of the settled spans, and how much later its edge came.
+
+    float64[n] each; empty where the truth is not known or nobody watched the pin.
+    """
+    edges = _edge_channel(recording, f"{role}.pulse")
+    if edges is None or not sync.truth:
+        return np.zeros(0), np.zeros(0)
+    mine = sync.pulses[role]
+    mine = mine.take(sync.settled(mine.scheduled_ticks_leader) & ~mine.late)
+    mine = _emitted_before_end(recording, sync, role, mine)
+    at_ns = sync.truth.clocks[role].true_ns(mine.compare_ticks_node)
+    return at_ns, nearest(edges, at_ns)
 
 
 def _emitted_before_end(recording: Recording, sync: Sync, role: str, mine: Pulses) -> Pulses:

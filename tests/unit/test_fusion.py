@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 
 from hil import expected, fusion, timesync
 from hil.core import ESTIMATOR_SHA256
-from hil.fusion import inputs, measures, replay
+from hil.fusion import inputs, measures, parity, replay
 from hil.measure import Measurement, Verdict
 from hil.motion.imu_model import ImuStream
 from hil.motion.lifts import bench
@@ -273,12 +273,12 @@ def test_nothing_is_expected_where_no_firmware_ran() -> None:
 
 
 def test_the_reference_check_fails_on_a_changed_parameter(monkeypatch: pytest.MonkeyPatch) -> None:
-    honest = measures.run_reference
+    honest = parity.run_reference
 
     def wrong(samples: Any, params: Any) -> Any:
         return honest(samples, replace(params, accel_noise_mps2_rthz=1.2e-3))
 
-    monkeypatch.setattr(measures, "run_reference", wrong)
+    monkeypatch.setattr(parity, "run_reference", wrong)
     (run,) = inputs.runs(recording_of(sent_batches()))
     conditions = timesync.analyse(recording_of(b"")).conditions
     found = {m.name: m for m in measures.reference(run, conditions)}

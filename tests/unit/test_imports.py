@@ -27,6 +27,10 @@ FORBIDDEN: list[tuple[str, tuple[str, ...]]] = [
     ),
     ("hil.bench", ("hil.backends", "hil.report", "hil.measure")),
     *(
+        (f"hil.{name}", ("hil.backends", "hil.bench", "pytest", "serial"))
+        for name in ("history", "reps", "tuning", "truth")
+    ),
+    *(
         (
             f"hil.backends.{name}",
             (

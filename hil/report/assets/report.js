@@ -62,6 +62,11 @@
       return v >= 1e-3 && v < 1e5 ? group(String(+v.toPrecision(1))) : "1e" + String(Math.round(power)).replace("-", "\u2212");
     });
   }
+  // Of a span of many decades only whole ones are ruled.
+  function decades(u, ticks) {
+    return ticks.map(function (v) { var p = Math.log10(v); return Math.abs(p - Math.round(p)) < 1e-9 ? v : null; });
+  }
+  function every(u, ticks) { return ticks; }
   function reading(v, unit) {
     var size = Math.abs(v), digits = size === 0 ? 0 : Math.max(0, 4 - Math.floor(Math.log10(size)));
     return group(v.toFixed(Math.min(9, digits))) + (unit ? " " + unit : "");
@@ -70,10 +75,9 @@
   // ---- drawing -------------------------------------------------------------------------------
   function columns(chart) {
     var tables = chart.traces.map(function (trace) {
-      var x = unpack(trace.x), y = unpack(trace.y);
-      if (trace.kind === "histogram") y = y.concat([y.length ? y[y.length - 1] : 0]);
-      if (chart.xLog || chart.yLog) {
-        var keep = x.map(function (v, i) { return (!chart.xLog || v > 0) && (!chart.yLog || y[i] === null || y[i] > 0); });
+      var x = unpack(trace.x || chart.traces[0].x), y = unpack(trace.y);
+      if (chart.yLog) {
+        var keep = x.map(function (v, i) { return y[i] === null || y[i] > 0; });
         x = x.filter(function (_, i) { return keep[i]; });
         y = y.filter(function (_, i) { return keep[i]; });
       }
@@ -91,7 +95,6 @@
         });
         return [Math.pow(10, Math.floor(Math.log10(low))), Math.pow(10, Math.ceil(Math.log10(high)))];
       }
-      if (chart.kind === "histogram") return [0, (high || 1) * 1.06];
       var span = high - low || Math.abs(high) || 1;
       // A limit is kept in view unless it would squash the trace into a line.
       chart.limits.forEach(function (l) {
@@ -105,52 +108,33 @@
 
   function drawLimits(chart) {
     return function (u) {
-      var c = u.ctx, box = u.bbox, scale = chart.kind === "histogram" ? "x" : "y", dpr = uPlot.pxRatio;
-      var low = u.scales[scale].min, high = u.scales[scale].max;
+      var c = u.ctx, box = u.bbox, dpr = uPlot.pxRatio;
+      var low = u.scales.y.min, high = u.scales.y.max;
       c.save();
       c.beginPath(); c.rect(box.left, box.top, box.width, box.height); c.clip();
       c.font = "600 " + 11 * dpr + "px system-ui, sans-serif";
       c.strokeStyle = c.fillStyle = css("--fail");
       c.lineWidth = 1.5 * dpr;
-      chart.limits.forEach(function (limit, n) {
+      chart.limits.forEach(function (limit) {
         var upper = limit.side === "above", text = limit.label;
-        var inside = limit.value >= low && limit.value <= high;
-        c.fillStyle = css("--shade");
-        if (scale === "y") {
-          if (!inside) {
-            c.fillStyle = css("--fail"); c.textAlign = "right";
-            c.textBaseline = limit.value > high ? "top" : "bottom";
-            c.fillText(text + (limit.value > high ? " \u2191 above" : " \u2193 below"), box.left + box.width - 6 * dpr,
-              limit.value > high ? box.top + 4 * dpr : box.top + box.height - 4 * dpr);
-            return;
-          }
-          var y = u.valToPos(limit.value, "y", true);
-          if (upper) c.fillRect(box.left, box.top, box.width, y - box.top);
-          else c.fillRect(box.left, y, box.width, box.top + box.height - y);
-          c.setLineDash([6 * dpr, 4 * dpr]);
-          c.beginPath(); c.moveTo(box.left, y); c.lineTo(box.left + box.width, y); c.stroke();
-          c.fillStyle = css("--fail"); c.textAlign = "right";
-          var above = upper ? y - box.top > 16 * dpr : box.top + box.height - y < 16 * dpr;
-          c.textBaseline = above ? "bottom" : "top";
-          label(c, text, box.left + box.width - 6 * dpr, y + (above ? -3 : 3) * dpr, dpr);
-        } else {
-          if (!inside) {
-            c.fillStyle = css("--fail"); c.textBaseline = "top";
-            c.textAlign = limit.value > high ? "right" : "left";
-            c.fillText(limit.value > high ? text + " \u2192" : "\u2190 " + text,
-              limit.value > high ? box.left + box.width - 6 * dpr : box.left + 6 * dpr, box.top + (4 + 15 * n) * dpr);
-            return;
-          }
-          var x = u.valToPos(limit.value, "x", true);
-          if (upper) c.fillRect(x, box.top, box.left + box.width - x, box.height);
-          else c.fillRect(box.left, box.top, x - box.left, box.height);
-          c.setLineDash([6 * dpr, 4 * dpr]);
-          c.beginPath(); c.moveTo(x, box.top); c.lineTo(x, box.top + box.height); c.stroke();
-          c.fillStyle = css("--fail"); c.textBaseline = "top";
-          var right = x > box.left + box.width / 2;
-          c.textAlign = right ? "right" : "left";
-          label(c, text, x + (right ? -5 : 5) * dpr, box.top + (4 + 15 * n) * dpr, dpr);
+        c.textAlign = "right";
+        if (limit.value < low || limit.value > high) {
+          c.fillStyle = css("--fail");
+          c.textBaseline = limit.value > high ? "top" : "bottom";
+          label(c, text + (limit.value > high ? " \u2191 above" : " \u2193 below"), box.left + box.width - 6 * dpr,
+            limit.value > high ? box.top + 4 * dpr : box.top + box.height - 4 * dpr, dpr);
+          return;
         }
+        var y = u.valToPos(limit.value, "y", true);
+        c.fillStyle = css("--shade");
+        if (upper) c.fillRect(box.left, box.top, box.width, y - box.top);
+        else c.fillRect(box.left, y, box.width, box.top + box.height - y);
+        c.setLineDash([6 * dpr, 4 * dpr]);
+        c.beginPath(); c.moveTo(box.left, y); c.lineTo(box.left + box.width, y); c.stroke();
+        c.fillStyle = css("--fail");
+        var above = upper ? y - box.top > 16 * dpr : box.top + box.height - y < 16 * dpr;
+        c.textBaseline = above ? "bottom" : "top";
+        label(c, text, box.left + box.width - 6 * dpr, y + (above ? -3 : 3) * dpr, dpr);
       });
       c.restore();
     };
@@ -166,25 +150,17 @@
   }
   function series(chart) {
     return chart.traces.map(function (trace, n) {
-      var colour = function () { return css("--s" + n % 5); };
+      var colour = function () { return css("--s" + n % 8); };
       var s = { label: trace.label, stroke: colour, width: 1.5 };
       if (trace.kind === "points") {
         s.paths = function () { return null; };
         s.points = { show: true, size: 4, width: 0, fill: colour, stroke: colour };
-      } else if (trace.kind === "histogram") {
-        s.paths = uPlot.paths.stepped({ align: 1 });
-        s.fill = function () { return css("--s" + n % 5) + "55"; };
-        s.points = { show: false };
       } else {
         s.points = { show: false };
       }
       return s;
     });
   }
-
-  // Counts are whole.
-  var wholeSteps = [];
-  for (var power = 1; power < 1e12; power *= 10) wholeSteps.push(power, 2 * power, 5 * power);
 
   function create(holder) {
     var chart = data[holder.dataset.chart];
@@ -195,21 +171,11 @@
     var x = columnsOf[0];
     var whole = { min: x[0], max: x[x.length - 1] };
     if (!(whole.max > whole.min)) whole = { min: whole.min - 0.5, max: whole.min + 0.5 };
-    if (chart.kind === "histogram") {
-      // The limits belong to the picture, unless they are far away.
-      var span = whole.max - whole.min, wide = { min: whole.min, max: whole.max };
-      chart.limits.forEach(function (l) {
-        if (l.value > wide.max && l.value - whole.max < 3 * span) wide.max = l.value;
-        if (l.value < wide.min && whole.min - l.value < 3 * span) wide.min = l.value;
-      });
-      var rim = (wide.max - wide.min) * 0.04;
-      whole = { min: wide.min - rim, max: wide.max + rim };
-    }
     var ink = function () { return css("--ink-2"); }, grid = function () { return css("--grid"); };
     var fonts = { font: "12px system-ui, sans-serif", labelFont: "12px system-ui, sans-serif" };
     function axis(text, log, more) {
-      return Object.assign({ label: text || undefined, labelSize: 20, labelGap: 2, stroke: ink, grid: { stroke: grid, width: 1 },
-        ticks: { stroke: grid, width: 1, size: 5 }, values: log ? logLabels : tickLabels }, fonts, more);
+      return Object.assign({ label: text || undefined, labelSize: 20, labelGap: 2, stroke: ink, grid: { stroke: grid, width: 1, filter: log ? decades : every },
+        ticks: { stroke: grid, width: 1, size: 5, filter: log ? decades : every }, values: log ? logLabels : tickLabels }, fonts, more);
     }
     var u = new uPlot({
       width: Math.max(200, holder.clientWidth),
@@ -219,18 +185,18 @@
       padding: [8, 10, 0, 0],
       cursor: {
         y: false,
-        drag: { x: !chart.xLog, y: false, dist: 6 },
+        drag: { x: true, y: false, dist: 6 },
         points: { size: 7 },
         sync: chart.group ? { key: chart.group, setSeries: false } : undefined,
         bind: { dblclick: function () { return function () { zoom(plot, plot.whole); return null; }; } }
       },
       scales: {
-        x: { time: false, distr: chart.xLog ? 3 : 1, range: function (_, low, high) { return [low, high]; } },
+        x: { time: false, range: function (_, low, high) { return [low, high]; } },
         y: { distr: chart.yLog ? 3 : 1, range: yRange(chart) }
       },
       axes: [
-        axis(chart.xLabel, chart.xLog, { space: 60, size: 30 }),
-        axis("", chart.yLog, { space: 34, incrs: chart.kind === "histogram" ? wholeSteps : undefined, size: function (u, values) {
+        axis(chart.xLabel, false, { space: 60, size: 30 }),
+        axis("", chart.yLog, { space: 34, size: function (u, values) {
           var longest = (values || []).reduce(function (n, v) { return Math.max(n, String(v).length); }, 1);
           return Math.max(58, 14 + 7.2 * longest);
         } })
@@ -271,7 +237,7 @@
       var v = u.data[n + 1][i];
       if (v === null || v === undefined) return;
       var value = reading(v, chart.yUnit);
-      parts.push(chart.traces.length > 1 ? trace.label + " " + value : value + (trace.kind === "histogram" ? " samples" : ""));
+      parts.push(chart.traces.length > 1 ? trace.label + " " + value : value);
     });
     return parts.join("  \u00b7  ");
   }
@@ -295,9 +261,7 @@
     });
   }
   function act(plot, what) {
-    var s = plot.u.scales.x, log = plot.chart.xLog;
-    var a = log ? Math.log10(s.min) : s.min, b = log ? Math.log10(s.max) : s.max, span = b - a, middle = (a + b) / 2;
-    if (log && what !== "reset") return;
+    var s = plot.u.scales.x, a = s.min, b = s.max, span = b - a, middle = (a + b) / 2;
     if (what === "in") zoom(plot, { min: middle - span / 4, max: middle + span / 4 });
     if (what === "out") zoom(plot, { min: middle - span, max: middle + span });
     if (what === "left") zoom(plot, { min: a - span / 4, max: b - span / 4 });
@@ -325,7 +289,7 @@
       event.preventDefault();
     });
     var tools = plot.figure.querySelector(".tools");
-    if (plot.chart.kind === "timeline" && !plot.chart.xLog) tools.hidden = false;
+    tools.hidden = false;
     tools.addEventListener("click", function (event) {
       var button = event.target.closest("button");
       if (button) act(plot, button.dataset.do);
@@ -349,7 +313,7 @@
       if (event.pointerType === "touch") fingers.set(event.pointerId, position(event));
     });
     over.addEventListener("pointermove", function (event) {
-      if (!fingers.has(event.pointerId) || plot.chart.xLog) return;
+      if (!fingers.has(event.pointerId)) return;
       var before = fingers.get(event.pointerId), now = position(event), s = plot.u.scales.x, span = s.max - s.min;
       if (fingers.size === 1) {
         var shift = (before.x - now.x) / now.width * span;
@@ -383,10 +347,12 @@
   window.addEventListener("hashchange", goTo);
 
   // ---- printing ------------------------------------------------------------------------------
-  var themeBefore;
+  var themeBefore, folded = [];
   window.addEventListener("beforeprint", function () {
     drawAll();
-    document.querySelectorAll("details.group").forEach(function (e) { e.open = true; });
+    // Every check and every line's arithmetic; what lies deeper would make a book of it.
+    folded = Array.from(document.querySelectorAll("details.group:not([open]), .budget details:not([open])"));
+    folded.forEach(function (e) { e.open = true; });
     printing = true;
     themeBefore = root.dataset.theme;
     root.dataset.theme = "light";
@@ -394,6 +360,7 @@
   });
   window.addEventListener("afterprint", function () {
     printing = false;
+    folded.forEach(function (e) { e.open = false; });
     if (themeBefore) root.dataset.theme = themeBefore; else delete root.dataset.theme;
     plots.forEach(function (p) { p.u.setSize({ width: Math.max(200, p.holder.clientWidth), height: 260 }); });
     themeChanged();

@@ -65,11 +65,21 @@ def test_axes_and_limits_share_a_readable_unit(recording: Make) -> None:
     assert unpacked(data["traces"][0]["y"]) == pytest.approx([0.0, 40.0, 80.0], abs=0.01)
 
 
-def test_log_axes_keep_relative_precision(recording: Make) -> None:
-    x = np.geomspace(1e-3, 1e3, 50)
-    s = Series("s", "S", "s", "ns", x, x**3, x_log=True, y_log=True)
+def test_a_log_axis_keeps_relative_precision(recording: Make) -> None:
+    y = np.geomspace(1e-9, 1e9, 50)
+    s = Series("s", "S", "s", "ns", np.arange(50.0), y, y_log=True)
     (trace,) = made(recording, s)[0]["data"]["traces"]
-    assert unpacked(trace["y"]) == pytest.approx(x**3, rel=1e-4)
+    assert unpacked(trace["y"]) == pytest.approx(y, rel=1e-3)
+
+
+def test_an_x_that_traces_share_is_packed_once(recording: Make) -> None:
+    x = np.arange(50.0)
+    a, b = (Series(n, n, "s", "ns", x, x, plot="p", clock="leader") for n in "ab")
+    c = Series("c", "c", "s", "ns", x[:20], x[:20], plot="p", clock="leader")
+    first, second, third = made(recording, a, b, c)[0]["data"]["traces"]
+    assert second["x"] is None
+    assert unpacked(first["x"]) == pytest.approx(x)
+    assert unpacked(third["x"]) == pytest.approx(x[:20])
 
 
 def test_only_timelines_of_the_whole_run_move_together(recording: Make) -> None:

@@ -11,6 +11,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from selenium import webdriver
 from selenium.webdriver.chrome.service import Service
@@ -90,7 +91,7 @@ class Browser:
     def chart(self, title: str, run: int = 0) -> WebElement:
         """The figure with ``title`` in the run numbered ``run``, in view and drawn."""
         article = self.driver.find_elements(By.CSS_SELECTOR, "article.run")[run]
-        figure = article.find_element(By.XPATH, f".//figure[.//h4[text()='{title}']]")
+        figure = article.find_element(By.XPATH, f".//figure[.//h5[text()='{title}']]")
         self.js("arguments[0].scrollIntoView({block: 'center'})", figure)
         self.until(lambda: figure.get_attribute("data-drawn"), f"chart {title} drawn")
         return figure
@@ -169,8 +170,18 @@ def test_it_opens_from_a_file_loads_nothing_and_draws_every_chart(
            })"""
     )
     holders = browser.js("return document.querySelectorAll('[data-chart]').length")
-    assert len(inked) == holders == 4 * 8
+    # Of eight figures a run, the histogram and the Allan deviation are stills, and the trace of
+    # the skew shares its chart.
+    assert len(inked) == holders == 4 * 6
     assert min(inked) > 300
+    stills = browser.js(
+        """return Array.from(document.querySelectorAll('figure svg.still'), s => {
+             const box = s.querySelector('.trace').getBoundingClientRect();
+             return Math.min(box.width, box.height);
+           })"""
+    )
+    assert len(stills) == 4 * 2
+    assert min(stills) > 50
 
 
 def test_a_failing_run_is_red_at_first_glance(browser: Browser, page: Path) -> None:
@@ -382,6 +393,78 @@ def test_it_prints_with_every_chart_and_the_theme_returns(
     )
 
 
+def test_print_shows_every_check_and_what_was_folded_is_folded_again(
+    browser: Browser, page: Path
+) -> None:
+    browser.open(page)
+    rows = "return Array.from(document.querySelectorAll('tr[id], tr[id] code, .budget p'))"
+    hidden = rows + ".filter(e => !e.checkVisibility()).length"
+    folded = "return document.querySelectorAll('details:not([open])').length"
+    before = browser.js(folded)
+    assert browser.js(hidden) > 0
+    browser.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "print"})
+    try:
+        browser.js("window.dispatchEvent(new Event('beforeprint'))")
+        # The checks beside the first of a budget line have rows of their own.
+        others = "return document.querySelectorAll('.others code').length"
+        assert browser.js(hidden) == browser.js(others)
+        assert browser.js("return document.querySelectorAll('[data-chart]:empty').length") == 0
+        browser.js("window.dispatchEvent(new Event('afterprint'))")
+        assert browser.js(folded) == before
+    finally:
+        browser.driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
+
+
+def test_a_million_points_zoom_as_smoothly_as_six_thousand(
+    browser: Browser, recording: Callable[..., Recording], tmp_path: Path
+) -> None:
+    """A ratio of times on the same machine; the one spike in a million is still drawn."""
+    spent = {}
+    for n in (6_000, 1_000_000):
+        t = np.linspace(0.0, 3600.0, n)
+        y = np.random.default_rng(1).normal(size=n)
+        y[n // 3] = 50.0
+        folder = tmp_path / str(n)
+        write(build([Result(recording(), [], [Series("s", "Noise", "s", "ns", t, y)])]), folder)
+        assert (folder / "index.html").stat().st_size < 1_000_000
+        browser.open(folder / "index.html")
+        figure = browser.chart("Noise")
+        browser.js("arguments[0].querySelector('.plot').focus()", figure)
+        largest = browser.js(
+            """const c = JSON.parse(document.getElementById('~chart-data').textContent);
+               const y = Object.values(c)[0].traces[0].y;
+               return y.o + Math.max(...y.k) * y.s"""
+        )
+        assert largest == pytest.approx(50.0, abs=0.01)
+        spent[n] = browser.driver.execute_async_script(
+            """const plot = arguments[0].querySelector('.plot'), done = arguments[1];
+               const key = k => plot.dispatchEvent(new KeyboardEvent('keydown', {key: k}));
+               const start = performance.now();
+               let step = 0;
+               requestAnimationFrame(function next() {
+                 key(step % 10 < 5 ? '+' : '-');
+                 if (++step < 20) requestAnimationFrame(next);
+                 else requestAnimationFrame(() => done(performance.now() - start));
+               });""",
+            figure,
+        )
+    assert spent[1_000_000] < 3.0 * spent[6_000]
+
+
+def test_a_check_and_its_budget_line_lead_to_each_other(browser: Browser, page: Path) -> None:
+    browser.open(page, f"{FAULTY}/sync.error_p99_ns")
+    row = browser.driver.find_element(By.ID, f"{FAULTY}/sync.error_p99_ns")
+    line = browser.driver.find_element(By.ID, f"{FAULTY}/budget/T1")
+    focus = "return document.activeElement === arguments[0]"
+    browser.js("arguments[0].click()", row.find_element(By.LINK_TEXT, "T1"))
+    browser.until(lambda: browser.js(focus, line), "the line")
+    for part in ("41\u202f234", "≤ 150 ns", "over", "Fail"):
+        assert part in line.text
+    back = line.find_element(By.CSS_SELECTOR, "td a[href*='sync.error']")
+    browser.js("arguments[0].click()", back)
+    browser.until(lambda: browser.js(focus, row), "the check")
+
+
 def test_without_scripts_everything_but_the_charts_is_there(browser: Browser, page: Path) -> None:
     browser.driver.execute_cdp_cmd("Emulation.setScriptExecutionDisabled", {"value": True})
     try:
@@ -389,7 +472,7 @@ def test_without_scripts_everything_but_the_charts_is_there(browser: Browser, pa
         text = browser.driver.find_element(By.TAG_NAME, "body").text
     finally:
         browser.driver.execute_cdp_cmd("Emulation.setScriptExecutionDisabled", {"value": False})
-    assert "Charts need JavaScript" in text
+    assert "Timelines need JavaScript" in text
     assert "41\u202f234 ± 2.1 ns" in text
 
 

@@ -17,10 +17,11 @@ from typing import Any
 import pytest
 from rich.console import Console
 
+from hil import atomic
 from hil.errors import HilError
 from hil.measure import Limits, Measurement
 from hil.recording import Integrity
-from hil.report import NotRun, Result, build, files, html, junit, terminal, words, write
+from hil.report import NotRun, Result, build, html, junit, terminal, words, write
 
 Make = Callable[..., Any]
 
@@ -318,7 +319,12 @@ def test_the_files_of_a_report(four_runs: list[Result], tmp_path: Path) -> None:
     document = build(four_runs)
     folder = tmp_path / "a" / "b"
     write(document, folder)
-    assert sorted(p.name for p in folder.iterdir()) == ["index.html", "junit.xml", "report.json"]
+    assert sorted(p.name for p in folder.iterdir()) == [
+        "badge.json",
+        "index.html",
+        "junit.xml",
+        "report.json",
+    ]
     assert json.loads((folder / "report.json").read_text(encoding="utf-8")) == document
     ET.parse(folder / "junit.xml")
     assert (folder / "index.html").read_text(encoding="utf-8") == html.render(document)
@@ -338,7 +344,7 @@ def test_a_failure_leaves_the_earlier_report(
     def broken(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(files.os, "replace", broken)
+    monkeypatch.setattr(atomic.os, "replace", broken)
     with pytest.raises(HilError, match="No space left on device"):
         write(build(four_runs), tmp_path)
     assert {p.name: p.read_bytes() for p in tmp_path.iterdir()} == before

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""The estimate against an outside reference: string pot, video, encoder."""
