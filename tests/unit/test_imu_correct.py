@@ -216,6 +216,23 @@ def test_none_several_and_impossible_ones_are_none(
     assert found() is None
 
 
+@pytest.mark.parametrize(
+    ("given", "expected"),
+    [
+        ([], False),
+        ([{}, {}], False),
+        ([{}, {"gyro_bias_radps": [0.1, 0, 0]}], True),
+        ([{"accel_bias_mps2": [0.1, 0, 0]}, {}], True),
+    ],
+)
+def test_a_calibration_within_the_run_is_seen(
+    monkeypatch: pytest.MonkeyPatch, given: list[dict[str, Any]], expected: bool
+) -> None:
+    """The samples are then not compared: which correction made which is not known."""
+    Line(monkeypatch, cal_status=status(*given), imu_batch=batches())
+    assert bool(correct.changed(None, "leader")) is expected  # type: ignore[arg-type]
+
+
 def test_only_the_nodes_own_batches_tell_its_scale(monkeypatch: pytest.MonkeyPatch) -> None:
     both = np.concatenate([batches(4, 500, source=0), batches(16, 2000, source=1)])
     Line(monkeypatch, cal_status=status({"accel_bias_mps2": [1.0, 0, 0]}), imu_batch=both)
