@@ -3,16 +3,11 @@
 
 from __future__ import annotations
 
-import base64
-import hashlib
-from collections.abc import Sequence
 from functools import cache
 from importlib.metadata import version
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from jinja2 import DictLoader, Environment, StrictUndefined
 from markupsafe import Markup
 
 from hil.atomic import write_whole
@@ -20,6 +15,7 @@ from hil.errors import HilError
 from hil.report import text as texts
 from hil.report import words
 from hil.report.compare import KINDS, Comparison
+from hil.report.page import asset, policy, template
 
 
 def write(found: Comparison, directory: Path) -> Path:
@@ -41,8 +37,8 @@ def write(found: Comparison, directory: Path) -> Path:
 
 def render(found: Comparison) -> str:
     """The page for a comparison."""
-    styles = _asset("report.css") + _asset("compare.css")
-    early, late = _asset("theme.js"), _asset("compare.js")
+    styles = asset("report.css") + asset("compare.css")
+    early, late = asset("theme.js"), asset("compare.js")
     verdict, sentence = found.headline
     page: str = _template().render(
         found=found,
@@ -58,35 +54,11 @@ def render(found: Comparison) -> str:
         styles=Markup(styles),  # noqa: S704 (our own assets)
         early_script=Markup(early),  # noqa: S704
         late_script=Markup(late),  # noqa: S704
-        policy=_policy(styles, (early, late)),
+        policy=policy(styles, (early, late)),
     )
     return page
 
 
-def _policy(styles: str, scripts: Sequence[str]) -> str:
-    """Content security policy that admits the page's own style and scripts, and nothing else."""
-
-    def digest(text: str) -> str:
-        return "'sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() + "'"
-
-    return (
-        f"default-src 'none'; style-src {digest(styles)}; "
-        f"script-src {' '.join(digest(s) for s in scripts)}; base-uri 'none'; form-action 'none'"
-    )
-
-
-@cache
-def _asset(name: str) -> str:
-    return files("hil.report").joinpath("assets", name).read_text(encoding="utf-8")
-
-
 @cache
 def _template() -> Any:
-    environment = Environment(
-        loader=DictLoader({"compare.html": _asset("compare.html")}),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    return environment.get_template("compare.html")
+    return template("compare.html")

@@ -8,21 +8,18 @@ recording cannot put anything into the page.
 
 from __future__ import annotations
 
-import base64
-import hashlib
 import json
 import re
 from collections.abc import Mapping, Sequence
 from functools import cache
-from importlib.resources import files
 from typing import Any, Final
 
-from jinja2 import DictLoader, Environment, StrictUndefined
 from markupsafe import Markup
 
 from hil.report import budget, margin, still, words
 from hil.report import text as texts
 from hil.report.charts import charts
+from hil.report.page import asset, policy, template
 
 _GAUGE_WIDTH: Final = 120.0
 _GAUGE_EDGE: Final = 6.0
@@ -36,8 +33,8 @@ def render(document: Mapping[str, Any]) -> str:
     """
     runs = [_run(entry, document["budget"]) for entry in document["recordings"]]
     verdict, sentence = words.headline(document)
-    styles = _asset("uplot/uPlot.min.css") + _asset("report.css")
-    early, late = _asset("theme.js"), _asset("uplot/uPlot.iife.min.js") + "\n" + _asset("report.js")
+    styles = asset("uplot/uPlot.min.css") + asset("report.css")
+    early, late = asset("theme.js"), asset("uplot/uPlot.iife.min.js") + "\n" + asset("report.js")
     page: str = _template().render(
         document=document,
         runs=runs,
@@ -52,7 +49,7 @@ def render(document: Mapping[str, Any]) -> str:
         styles=Markup(styles),  # noqa: S704 (our own assets)
         early_script=Markup(early),  # noqa: S704
         late_script=Markup(late),  # noqa: S704
-        policy=_policy(styles, (early, late)),
+        policy=policy(styles, (early, late)),
         chart_data=island(
             {
                 c["anchor"]: c["data"]
@@ -328,29 +325,6 @@ def _breakable(name: str) -> Markup:
     )
 
 
-def _policy(styles: str, scripts: Sequence[str]) -> str:
-    def digest(text: str) -> str:
-        return "'sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode() + "'"
-
-    return (
-        f"default-src 'none'; style-src {digest(styles)}; "
-        f"script-src {' '.join(digest(s) for s in scripts)}; base-uri 'none'; form-action 'none'"
-    )
-
-
-@cache
-def _asset(name: str) -> str:
-    return files("hil.report").joinpath("assets", *name.split("/")).read_text(encoding="utf-8")
-
-
 @cache
 def _template() -> Any:
-    environment = Environment(
-        loader=DictLoader({"report.html": _asset("report.html")}),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    environment.filters["breakable"] = _breakable
-    return environment.get_template("report.html")
+    return template("report.html", {"breakable": _breakable})
