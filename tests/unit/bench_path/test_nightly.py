@@ -47,7 +47,7 @@ def test_a_sound_night_builds_flashes_and_runs_the_suite_live(tmp_path: Path) ->
         "hil build --target nrf52840dk",
         "hil bench flash --lock-wait 3600",
         "pytest tests/hil --board=bench --require-live --lock-wait 3600 "
-        "--hil-report build/nightly/report",
+        "--hil-report build/nightly/report --hil-history build/history.sqlite",
     ]
     assert not (tmp_path / "build/nightly/artefacts.tar.gz").exists()
 
