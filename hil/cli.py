@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hil import tools_cli
+from hil.bench import BENCH_FILE
 from hil.bench import cli as bench_cli
 from hil.history import cli as history_cli
 from hil.tuning import command as tuning_cli
@@ -248,7 +249,7 @@ def _compare(paths: list[Path], output: Path) -> None:
 def _keep(document: Document, history: Path | None) -> None:
     if history is None:
         return
-    from hil.history import open_history  # noqa: PLC0415
+    from hil.history.store import open_history  # noqa: PLC0415
 
     with open_history(history, create=True) as kept:
         kept.add(document)
@@ -310,8 +311,9 @@ def calibrate(
     from hil import units  # noqa: PLC0415
     from hil.calibration.record import load  # noqa: PLC0415
     from hil.calibration.tool import command, guide  # noqa: PLC0415
+    from hil.calibration.tool.screen import Screen  # noqa: PLC0415
 
-    screen = command.screen_on(Console(), yes)
+    screen = Screen(Console(), yes)
     if source is not None and to_defaults is not None:
         command.write_defaults(load(source), to_defaults, screen, dry_run=dry_run)
         return
@@ -323,7 +325,7 @@ def calibrate(
             reached = stack.enter_context(units.simulated(image, babblesim, seed=seed, speed=speed))
             screen.say(reached.note, "cyan")
         else:
-            reached = stack.enter_context(units.on_bench(role.value, bench_cli.DEFAULT_FILE))
+            reached = stack.enter_context(units.on_bench(role.value, BENCH_FILE))
         command.calibrate(
             reached.port,
             role.value,
@@ -356,8 +358,8 @@ def noise(
     """
     from rich.console import Console  # noqa: PLC0415
 
-    from hil.imu.noise import rest_noise  # noqa: PLC0415
-    from hil.imu.noise_table import table  # noqa: PLC0415
+    from hil.calibration.noise import rest_noise  # noqa: PLC0415
+    from hil.calibration.noise_table import table  # noqa: PLC0415
 
     console = Console()
     ((_, loaded),) = _load([recording])

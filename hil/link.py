@@ -14,7 +14,7 @@ from hil.calibration.measures import REFUSE_DPS
 from hil.measure import Measurement
 from hil.recording import Recording
 from hil.streams import ROLES, decoded, frames, last_value, seen_t_ns_bench
-from hil.wire.messages import FAULT_CODES, TARGETS, TICK_RATE_HZ
+from hil.wire.messages import FAULT_CODES, TARGETS, TICK_RATE_HZ, name_of
 from hil.wire.messages import ROLES as ROLE_NUMBERS
 
 SIM_TARGET: Final = TARGETS["sim"]
@@ -207,10 +207,9 @@ def faults(recording: Recording, role: str, c: Conditions) -> Measurement:
     of_scenario = np.isin(sent["code"], made)
     sent = sent[~of_scenario]
     heard = decoded(recording, role).stats.frames
-    names = {number: name for name, number in FAULT_CODES.items()}
     shown = [
         {
-            "code": names.get(int(f["code"]), str(int(f["code"]))),
+            "code": name_of(FAULT_CODES, f["code"]),
             "argument": int(f["argument"]),
             "detail": bytes(f["detail"]).split(b"\0")[0].decode("ascii", "replace"),
         }

@@ -24,6 +24,9 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from hil.bench import BENCH_FILE
+from hil.history import DEFAULT_FILE as HISTORY_FILE
+
 if TYPE_CHECKING:
     from hil.measure import Measurement
     from hil.recording import Recording
@@ -33,8 +36,6 @@ BOARDS = ("sim", "bench")
 SOURCES = ("replay", *BOARDS)
 EXIT_RIG_FAILURE = 10
 EXIT_NOT_RUN_LIVE = 11
-BENCH_FILE = "boards/bench.toml"
-HISTORY_FILE = "build/history.sqlite"
 
 
 @dataclass(frozen=True)
@@ -453,7 +454,7 @@ def _keep_results(session: pytest.Session, state: Session) -> None:
         if state.report_dir:
             report.write(document, state.report_dir)
         if state.history:
-            from hil.history import open_history  # noqa: PLC0415
+            from hil.history.store import open_history  # noqa: PLC0415
 
             with open_history(state.history, create=True) as history:
                 history.add(document)

@@ -8,10 +8,9 @@ from pathlib import Path
 
 from hil import scenario
 from hil.backends import Backend, Progress
+from hil.bench import BENCH_FILE
 from hil.errors import RigError
 from hil.recording import Recording
-
-BENCH_FILE = Path("boards/bench.toml")
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ arrays here; the analysis that needed them says so in its verdict.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,13 @@ PHY_2M = 2
 
 def decoded(recording: Recording, role: str) -> Decoded:
     """The decoded stream of ``role``; empty when it was not recorded."""
-    return recording.decoded(role) if role in recording.roles else decode(b"")
+    return recording.decoded(role) if role in recording.roles else _nothing()
+
+
+@cache
+def _nothing() -> Decoded:
+    """The empty stream: each message of the table, and none of any."""
+    return decode(b"")
 
 
 def table(recording: Recording, role: str) -> Mapping[str, Message]:
@@ -36,12 +43,14 @@ def table(recording: Recording, role: str) -> Mapping[str, Message]:
 
 def frames(recording: Recording, role: str, message: str) -> NDArray[Any]:
     """The frames of one message, in the order of sending."""
-    return decoded(recording, role).messages.get(message, decode(b"").messages[message])
+    found = decoded(recording, role).messages
+    return found[message] if message in found else _nothing().messages[message]
 
 
 def rows(recording: Recording, role: str, message: str) -> NDArray[Any]:
     """The group rows of one message; field ``row`` is the frame they belong to."""
-    return decoded(recording, role).groups.get(message, decode(b"").groups[message])
+    found = decoded(recording, role).groups
+    return found[message] if message in found else _nothing().groups[message]
 
 
 def seen_t_ns_bench(recording: Recording, role: str, of: NDArray[Any]) -> NDArray[np.int64]:

@@ -61,12 +61,7 @@ def on_bench(role: str, bench_file: Path) -> Iterator[Reached]:
     """
     from hil.bench import inventory, ports  # noqa: PLC0415
 
-    board = inventory.load(bench_file).boards[role]
-
-    def resolve() -> str:
-        return ports.vcom(board.probe, board.vcom)
-
-    with SerialPort(resolve(), resolve=resolve) as port:
+    with ports.open_board(inventory.load(bench_file).boards[role]) as port:
         yield Reached(port)
 
 

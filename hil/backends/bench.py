@@ -154,7 +154,8 @@ class _Run:
                 progress(FLASHED, "starting the analyser")
                 analyser.start(archive)
             lines = {
-                role: stack.enter_context(open_port(self.bench, role)) for role in self.bench.boards
+                role: stack.enter_context(ports.open_board(board))
+                for role, board in self.bench.boards.items()
             }
             progress(FLASHED, "starting the boards")
             zero_ns, boots = boot.restart(lines, self.pair.reset)
@@ -274,20 +275,6 @@ def stream_of(chunks: list[Chunk]) -> SerialStream:
         np.cumsum(sizes[:-1] if chunks else [], dtype=np.int64),
         np.array([chunk.t_ns_host for chunk in chunks], np.int64),
     )
-
-
-def open_port(bench: Inventory, role: str) -> SerialPort:
-    """The serial port of a board, found again by the same board when it is unplugged.
-
-    Raises:
-        RigError: it is not there, not permitted, or in use.
-    """
-    board = bench.boards[role]
-
-    def resolve() -> str:
-        return ports.vcom(board.probe, board.vcom)
-
-    return SerialPort(resolve(), resolve=resolve)
 
 
 def _refuse_gaps(writer: Writer, lines: Mapping[str, SerialPort], zero_ns: int) -> None:

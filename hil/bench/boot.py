@@ -13,15 +13,17 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 from hil.bench.hello import check_hello
-from hil.bench.listen import HELLO_LIMIT_S, KEPT_B
+from hil.bench.listen import HELLO_LIMIT_S, fields
 from hil.bench.port import Chunk, SerialPort
 from hil.build import Manifest
 from hil.errors import RigError
 from hil.wire.codec import decode
-from hil.wire.messages import BY_NAME, ROLES
+from hil.wire.messages import ROLES
 
 POLL_S: Final = 0.02
 DRAIN_S: Final = 0.15
+KEPT_B: Final = 1 << 20
+"""How much of what came is looked through for a HELLO."""
 UPTIME_SLACK_MS: Final = 2
 """One for the grid of uptime, one for the crystals."""
 
@@ -96,7 +98,7 @@ def first_hello(chunks: list[Chunk], reset_ns_host: int) -> tuple[dict[str, Any]
         start = max(int(hello["offset"]) - 1, 0)
         since_ms = (behind(chunks, start)[0].t_ns_host - reset_ns_host) / 1e6
         if int(hello["uptime_ms"]) <= since_ms + UPTIME_SLACK_MS:
-            return {f.name: hello[f.name].item() for f in BY_NAME["hello"].fields}, start
+            return fields(hello), start
     return None
 
 

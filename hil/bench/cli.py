@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from hil.bench import BENCH_FILE
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -18,7 +20,6 @@ if TYPE_CHECKING:
     from hil.bench.inventory import Inventory
     from hil.bench.survey import Survey
 
-DEFAULT_FILE = Path("boards/bench.toml")
 WIDTH_WHEN_PIPED = 110
 
 app = typer.Typer(
@@ -36,7 +37,7 @@ WaitOption = Annotated[
 
 @app.command()
 def init(
-    file: FileOption = DEFAULT_FILE,
+    file: FileOption = BENCH_FILE,
     leader: Annotated[str, typer.Option(help="Serial number of the leader's probe.")] = "",
     follower: Annotated[str, typer.Option(help="Serial number of the follower's probe.")] = "",
     force: Annotated[bool, typer.Option("--force", help="Write over an existing file.")] = False,
@@ -68,7 +69,7 @@ def init(
 
 
 @app.command()
-def show(file: FileOption = DEFAULT_FILE) -> None:
+def show(file: FileOption = BENCH_FILE) -> None:
     """Draw the wiring that the bench file describes."""
     from hil.bench import inventory, wiring  # noqa: PLC0415 (start-up time)
 
@@ -76,7 +77,7 @@ def show(file: FileOption = DEFAULT_FILE) -> None:
 
 
 @app.command()
-def unlock(file: FileOption = DEFAULT_FILE) -> None:
+def unlock(file: FileOption = BENCH_FILE) -> None:
     """Say who is using the bench; a run that is dead holds nothing, however it died."""
     import time  # noqa: PLC0415
 
@@ -94,7 +95,7 @@ def unlock(file: FileOption = DEFAULT_FILE) -> None:
 
 @app.command()
 def flash(
-    file: FileOption = DEFAULT_FILE,
+    file: FileOption = BENCH_FILE,
     workspace: Annotated[Path | None, typer.Option(help="Zephyr workspace.")] = None,
     always: Annotated[
         bool, typer.Option("--always", help="Write also what the boards hold already.")
@@ -121,7 +122,7 @@ def flash(
 
 @app.command()
 def reset(
-    file: FileOption = DEFAULT_FILE,
+    file: FileOption = BENCH_FILE,
     pin: Annotated[bool, typer.Option("--pin", help="Through the nRESET pin.")] = False,
     lock_wait: WaitOption = 0.0,
 ) -> None:
@@ -134,7 +135,7 @@ def reset(
 @app.command()
 def recover(
     role: Annotated[str, typer.Argument(help="leader or follower.")],
-    file: FileOption = DEFAULT_FILE,
+    file: FileOption = BENCH_FILE,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask.")] = False,
     lock_wait: WaitOption = 0.0,
 ) -> None:
@@ -151,7 +152,7 @@ def recover(
 
 
 def doctor(
-    file: FileOption = DEFAULT_FILE,
+    file: FileOption = BENCH_FILE,
     workspace: Annotated[Path | None, typer.Option(help="Zephyr workspace.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON.")] = False,
     write_udev: Annotated[

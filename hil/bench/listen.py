@@ -7,13 +7,11 @@ import time
 from collections.abc import Callable
 from typing import Any, Final
 
-from hil.wire.codec import decode
+from hil.wire.live import LiveStream
 from hil.wire.messages import BY_NAME
 
 HELLO_LIMIT_S: Final = 5.0
 """HELLO comes at boot and every two seconds."""
-
-KEPT_B: Final = 1 << 20
 
 
 def hear_hello(
@@ -28,14 +26,14 @@ def hear_hello(
         Its fields, raw; None when none came in time.
     """
     deadline_s = time.monotonic() + limit_s
-    stream = bytearray()
+    stream = LiveStream()
     while (left_s := deadline_s - time.monotonic()) > 0:
-        fresh = read(min(left_s, 0.25))
-        if not fresh:
-            continue
-        stream += fresh
-        del stream[:-KEPT_B]
-        found = decode(bytes(stream)).messages["hello"]
+        found = stream.feed(read(min(left_s, 0.25))).messages["hello"]
         if found.size:
-            return {f.name: found[0][f.name].item() for f in BY_NAME["hello"].fields}
+            return fields(found[0])
     return None
+
+
+def fields(hello: Any) -> dict[str, Any]:
+    """A record of HELLO as plain numbers, by field."""
+    return {f.name: hello[f.name].item() for f in BY_NAME["hello"].fields}

@@ -12,6 +12,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
+from hil.bench.inventory import Board
+from hil.bench.port import SerialPort
 from hil.errors import RigError
 
 JLINK_VID = 0x1366
@@ -103,6 +105,19 @@ def vcom(serial_number: str, interface: int, ports: Iterable[PortInfo] | None = 
         "plug the board in and switch it on\n"
         f"enable its virtual COM port (JLinkConfigManager, or 'vcom enable')\nthere are:\n{listed}",
     )
+
+
+def open_board(board: Board) -> SerialPort:
+    """The serial port of a board, found again by the same board when it is unplugged.
+
+    Raises:
+        RigError: it is not there, not permitted, or in use.
+    """
+
+    def resolve() -> str:
+        return vcom(board.probe, board.vcom)
+
+    return SerialPort(resolve(), resolve=resolve)
 
 
 def _interface(location: str) -> int:

@@ -5,11 +5,12 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
+
+from hil.atomic import write_whole
 
 MANIFEST_NAME = "hil-manifest.json"
 FORMAT = 1
@@ -106,10 +107,8 @@ class Manifest:
 
     def save(self) -> None:
         """Write the manifest into its build folder, whole or not at all."""
-        path = self.folder / MANIFEST_NAME
-        partial = path.with_suffix(".partial")
-        partial.write_text(json.dumps(self.to_mapping(), indent=2) + "\n", encoding="utf-8")
-        os.replace(partial, path)
+        text = json.dumps(self.to_mapping(), indent=2) + "\n"
+        write_whole(self.folder / MANIFEST_NAME, text.encode("utf-8"))
 
 
 def describe(folder: Path, path: Path) -> OutputFile:

@@ -10,12 +10,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.budget import Conditions, judged
+from hil.imu import correct
 from hil.imu.batches import batches
 from hil.measure import Measurement
 from hil.motion.imu_model import chip_errors
 from hil.recording import Recording
 from hil.streams import ROLES, SIMULATED_SOURCES, frames, table
-from hil.wire.messages import BOOT_CHECKS, FAULT_CODES, TICK_RATE_HZ
+from hil.wire.messages import BOOT_CHECKS, FAULT_CODES, TICK_RATE_HZ, name_of
 
 WARN_DPS: Final = 0.3
 REFUSE_DPS: Final = 2.0
@@ -44,7 +45,7 @@ def measure(recording: Recording, c: Conditions) -> list[Measurement]:
 
 def _node(recording: Recording, role: str, c: Conditions) -> list[Measurement]:
     status = frames(recording, role, "cal_status")
-    decided = status[status["ready"] == 1]
+    decided = correct.decided(recording, role)
     return [
         _ready(recording, role, c),
         _branch(role, status, decided, c),
@@ -162,13 +163,11 @@ def _estimator(recording: Recording, c: Conditions) -> list[Measurement]:
 
 def _decisions(status: NDArray[Any]) -> list[dict[str, Any]]:
     """One row for each change of decision, attempts or bias in force, in the order of sending."""
-    names = {number: name for name, number in BOOT_CHECKS.items()}
     rows: list[dict[str, Any]] = []
     for frame in status:
         x, y, z = (round(float(v), 3) for v in np.degrees(frame["gyro_bias_radps"]))
-        check = int(frame["boot_check"])
         row = {
-            "boot check": names.get(check, str(check)),
+            "boot check": name_of(BOOT_CHECKS, frame["boot_check"]),
             "windows tried": int(frame["boot_attempts"]),
             "off the stored bias, dps": round(float(frame["boot_delta_dps"]), 3),
             "bias in force x, dps": x,

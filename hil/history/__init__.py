@@ -1,12 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
 """Every run ever judged: kept, compared over time, never erased.
 
+>>> from hil.history.store import open_history
 >>> with open_history(DEFAULT_FILE, create=True) as history:
 ...     history.add(document)
+
+The command line imports this at every start: whatever needs SQLite is in the modules below.
 """
 
 from __future__ import annotations
 
-from hil.history.store import DEFAULT_FILE, Added, History, HistoryError, open_history
+from pathlib import Path
+from typing import Final
 
-__all__ = ["DEFAULT_FILE", "Added", "History", "HistoryError", "open_history"]
+DEFAULT_FILE: Final = Path("build/history.sqlite")

@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from hil.history.store import DEFAULT_FILE
+from hil.history import DEFAULT_FILE
 
 app = typer.Typer(
     name="history",

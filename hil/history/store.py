@@ -18,7 +18,6 @@ from typing import Any, Final, TypeVar
 from hil.errors import HilError
 from hil.history import records, tables
 
-DEFAULT_FILE: Final = Path("build/history.sqlite")
 WAIT_S: Final = 60.0
 """How long a writer waits for the others; one report takes some milliseconds."""
 MAX_VALUE_BYTES: Final = 2**20

@@ -72,11 +72,11 @@ def correction(recording: Recording, role: str) -> Correction | None:
 
 def changed(recording: Recording, role: str) -> bool:
     """Whether the node was calibrated, or forgot its calibration, within the run."""
-    ready = _decided(recording, role)
+    ready = decided(recording, role)
     return any(np.any(ready[name] != ready[name][-1]) for name in STATUS) if ready.size else False
 
 
-def _decided(recording: Recording, role: str) -> NDArray[Any]:
+def decided(recording: Recording, role: str) -> NDArray[Any]:
     """The CAL status frames since the boot check; none where the protocol is older than it."""
     status = frames(recording, role, "cal_status")
     known = "raw" in (status.dtype.names or ())
@@ -85,7 +85,7 @@ def _decided(recording: Recording, role: str) -> NDArray[Any]:
 
 def in_force(recording: Recording, role: str) -> Any | None:
     """The last CAL status since the boot check, when all since then name the same values."""
-    ready = _decided(recording, role)
+    ready = decided(recording, role)
     if ready.size == 0 or changed(recording, role):
         return None
     # A node never says so, but a damaged frame may.

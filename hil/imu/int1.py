@@ -66,20 +66,28 @@ def measure(recording: Recording, role: str, sync: Sync) -> list[Measurement]:
     ]
 
 
-def edge_errors_us(recording: Recording, role: str, sync: Sync) -> tuple[Int, Float]:
-    """Bench time in ns of INT1's rising edges, and each minus the nearest sample instant in us."""
-    nothing = np.zeros(0, dtype=np.int64), np.zeros(0)
+def rising_edges(recording: Recording, role: str, sync: Sync) -> tuple[Int, Float]:
+    """INT1's rising edges whose instant on the node's clock is known: bench ns, and ticks.
+
+    None where the channel was not captured.
+    """
     channel = f"{role}.imu_int1"
     if channel not in recording.edges.channels:
-        return nothing
+        return np.zeros(0, dtype=np.int64), np.zeros(0)
     t_ns, level = recording.edges.select(channel)
     rising = t_ns[level == 1]
     at_ticks = node_ticks(recording, role, sync, rising)
-    use = np.isfinite(at_ticks)
+    known = np.isfinite(at_ticks)
+    return rising[known], at_ticks[known]
+
+
+def edge_errors_us(recording: Recording, role: str, sync: Sync) -> tuple[Int, Float]:
+    """Bench time in ns of INT1's rising edges, and each minus the nearest sample instant in us."""
+    rising, at_ticks = rising_edges(recording, role, sync)
     b = since_setup(batches(recording, role, role))
-    late = late_ticks(b, fifo_stats(recording, role).decimation, at_ticks[use])
+    late = late_ticks(b, fifo_stats(recording, role).decimation, at_ticks)
     inside = np.isfinite(late)
-    return rising[use][inside], np.asarray(late[inside] / TICKS_PER_US, dtype=np.float64)
+    return rising[inside], np.asarray(late[inside] / TICKS_PER_US, dtype=np.float64)
 
 
 def node_ticks(recording: Recording, role: str, sync: Sync, at_ns: Int) -> Float:
@@ -151,14 +159,7 @@ def latency_ms(recording: Recording, role: str, sync: Sync) -> tuple[Int, Float]
     Returns:
         bench time of the frames in ns, int64[n] ascending, and latency in ms, float64[n].
     """
-    nothing = np.zeros(0, dtype=np.int64), np.zeros(0)
-    channel = f"{role}.imu_int1"
-    if channel not in recording.edges.channels:
-        return nothing
-    t_ns, level = recording.edges.select(channel)
-    rising = t_ns[level == 1]
-    at_ticks = node_ticks(recording, role, sync, rising)
-    rising, at_ticks = rising[np.isfinite(at_ticks)], at_ticks[np.isfinite(at_ticks)]
+    rising, at_ticks = rising_edges(recording, role, sync)
     b = since_setup(batches(recording, role, role))
     timed = np.flatnonzero(b.has("hardware_time"))
     last_ticks = b.t_first_ticks[timed] + (b.count[timed] - 1) * b.period_ticks[timed]
@@ -166,7 +167,7 @@ def latency_ms(recording: Recording, role: str, sync: Sync) -> tuple[Int, Float]
     if rising.size:
         inside = (last_ticks >= at_ticks[0]) & (last_ticks <= at_ticks[-1])
     if not np.any(inside):
-        return nothing
+        return np.zeros(0, dtype=np.int64), np.zeros(0)
     timed, last_ticks = timed[inside], last_ticks[inside]
     seen = b.seen_t_ns_bench[timed]
     edge = np.searchsorted(at_ticks, last_ticks - 0.5 * b.period_ticks[timed])

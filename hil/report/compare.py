@@ -253,13 +253,7 @@ def _facts(first: Any, second: Any, key: str = "") -> Iterator[Fact]:
 
 
 def _shown(value: Any) -> str:
-    if value is None:
-        return "–"
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, float):
-        return texts.number(value, 6)
-    said = str(value) or "empty"
+    said = texts.scalar(value) or "empty"
     return said if len(said) <= _MAX_SHOWN else said[: _MAX_SHOWN - 1] + "…"
 
 

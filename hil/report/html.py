@@ -276,7 +276,7 @@ def _table(name: str, rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     return {
         "title": name.replace("_", " ").capitalize(),
         "head": list(rows[0]),
-        "rows": [[(_scalar(cell), _is_number(cell)) for cell in row.values()] for row in rows],
+        "rows": [[(texts.scalar(cell), _is_number(cell)) for cell in row.values()] for row in rows],
     }
 
 
@@ -295,18 +295,8 @@ def _flat(value: Any, prefix: str = "") -> list[tuple[str, str]]:
     if isinstance(value, list):
         if any(isinstance(v, Mapping | list) for v in value):
             return [p for n, v in enumerate(value) for p in _flat(v, f"{prefix}[{n}]")]
-        return [(prefix, ", ".join(_scalar(v) for v in value) or "none")]
-    return [(prefix, _scalar(value))]
-
-
-def _scalar(value: Any) -> str:
-    if value is None:
-        return "–"
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, float):
-        return texts.number(value, 6)
-    return str(value)
+        return [(prefix, ", ".join(texts.scalar(v) for v in value) or "none")]
+    return [(prefix, texts.scalar(value))]
 
 
 def _unknowns(entries: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[str]]]:

@@ -65,6 +65,17 @@ def number(value: Number, digits: int = _DIGITS) -> str:
     return _trim(f"{x:,.{decimals}f}").replace(",", "\u202f").replace("-", "−")
 
 
+def scalar(value: Any) -> str:
+    """A plain value of a document in words: none, yes and no, a number, or what it says."""
+    if value is None:
+        return "–"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return number(value, 6)
+    return str(value)
+
+
 def _trim(text: str) -> str:
     return text.rstrip("0").rstrip(".") if "." in text else text
 

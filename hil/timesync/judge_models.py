@@ -12,7 +12,7 @@ from hil.measure import Measurement
 from hil.timesync import model as clock_model
 from hil.timesync.analysis import NS_PER_TICK, Sync
 from hil.timesync.judging import absent, error_family
-from hil.wire.messages import SYNC_STATES, TICK_RATE_HZ
+from hil.wire.messages import SYNC_STATES, TICK_RATE_HZ, name_of
 
 
 def model_errors(sync: Sync) -> list[Measurement]:
@@ -104,9 +104,8 @@ def convergence(sync: Sync) -> Measurement:
 
 def locked(sync: Sync) -> Measurement:
     """Share of the time after the first lock in which the model was locked."""
-    names = {number: name for name, number in SYNC_STATES.items()}
     counts = {
-        names.get(int(s), str(int(s))): int(n)
+        name_of(SYNC_STATES, s): int(n)
         for s, n in zip(*np.unique(sync.models.state, return_counts=True), strict=True)
     }
     return judged(

@@ -441,6 +441,11 @@ MESSAGES: Final[tuple[Message, ...]] = (
 BY_NAME: Final[Mapping[str, Message]] = {m.name: m for m in MESSAGES}
 
 
+def name_of(names: Mapping[str, int], number: int) -> str:
+    """The name of a value of a set such as FAULT_CODES; the number itself where it has none."""
+    return next((name for name, known in names.items() if known == number), str(int(number)))
+
+
 def schema(messages: tuple[Message, ...] = MESSAGES) -> dict[str, Any]:
     """The table as plain data: what a recording embeds and what the hash covers."""
     return {

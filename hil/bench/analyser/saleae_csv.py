@@ -13,6 +13,7 @@ from pathlib import Path
 
 from hil.bench.analyser.capture import CaptureEdges
 from hil.bench.analyser.edges import TimedChanges
+from hil.bench.analyser.lines import numbered
 from hil.errors import RecordingError
 
 LINE_BYTES_MAX = 1 << 12
@@ -54,16 +55,8 @@ def read_saleae_csv(path: Path, *, samplerate_hz: float) -> CaptureEdges:
 
 
 def _lines(path: Path) -> Iterator[tuple[int, str]]:
-    try:
-        with path.open("rb") as file:
-            number = 0
-            while line := file.readline(LINE_BYTES_MAX):
-                number += 1
-                if len(line) == LINE_BYTES_MAX:
-                    raise _bad(path, number, f"a line of {LINE_BYTES_MAX} bytes or more")
-                yield number, line.decode("utf-8-sig", "replace").rstrip("\r\n")
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be read: {error.strerror}") from error
+    for number, line in numbered(path, LINE_BYTES_MAX, _bad):
+        yield number, line.decode("utf-8-sig", "replace").rstrip("\r\n")
 
 
 def _picoseconds(path: Path, line: int, text: str) -> int:

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from hil.bench.analyser.capture import CaptureEdges
 from hil.bench.analyser.edges import TimedChanges
+from hil.bench.analyser.lines import numbered
 from hil.errors import RecordingError
 
 LINE_BYTES_MAX = 1 << 16
@@ -71,17 +72,9 @@ def read_vcd(path: Path, *, samplerate_hz: float) -> CaptureEdges:
 
 
 def _tokens(path: Path) -> Iterator[Token]:
-    try:
-        with path.open("rb") as file:
-            number = 0
-            while line := file.readline(LINE_BYTES_MAX):
-                number += 1
-                if len(line) == LINE_BYTES_MAX:
-                    raise _bad(path, number, f"a line of {LINE_BYTES_MAX} bytes or more")
-                for word in line.decode("latin-1").split():
-                    yield number, word
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be read: {error.strerror}") from error
+    for number, line in numbered(path, LINE_BYTES_MAX, _bad):
+        for word in line.decode("latin-1").split():
+            yield number, word
 
 
 def _header(path: Path, tokens: Iterator[Token]) -> tuple[float, dict[str, str]]:

@@ -8,8 +8,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
-from rich.console import Console
-
 from hil.atomic import write_whole
 from hil.calibration import kconfig
 from hil.calibration.record import Record, check_device, load
@@ -98,11 +96,6 @@ def write_defaults(record: Record, path: Path, screen: Screen, *, dry_run: bool 
             "give a file in a folder that you may write to, with room on its disk",
         ) from error
     screen.say(f"defaults: {path}\nbuild with -- -DEXTRA_CONF_FILE={path.absolute()}")
-
-
-def screen_on(console: Console, assume_yes: bool) -> Screen:
-    """The screen that a command shows itself on."""
-    return Screen(console, assume_yes)
 
 
 def _show(unit: Unit, record: Record | None, screen: Screen) -> Record | None:

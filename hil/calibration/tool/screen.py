@@ -18,6 +18,7 @@ from rich.text import Text
 
 from hil.calibration.poses import FloatArray, Pose, Reading
 from hil.calibration.solve import Calibration
+from hil.core.calib import STANDARD_GRAVITY_MPS2
 from hil.errors import HilError
 
 MARGIN = "     "
@@ -116,7 +117,7 @@ class _Lines:
 
 def reading_text(reading: Reading) -> str:
     """What the accelerometer says now: the axis that points up says +1 g."""
-    x, y, z = reading.accel_mps2 / 9.80665
+    x, y, z = reading.accel_mps2 / STANDARD_GRAVITY_MPS2
     return f"x {x:+.2f}  y {y:+.2f}  z {z:+.2f} g"
 
 

@@ -15,7 +15,8 @@ from typing import Any
 import pytest
 
 from hil import synthesis
-from hil.history import open_history, queries
+from hil.history import queries
+from hil.history.store import open_history
 from hil.plugin import EXIT_RIG_FAILURE
 
 pytest_plugins = ["pytester"]

@@ -9,7 +9,8 @@ from typing import Any
 
 import pytest
 
-from hil.history import History, open_history, queries
+from hil.history import queries
+from hil.history.store import History, open_history
 
 Make = Callable[..., dict[str, Any]]
 NAME = "sync.error_p99_ns"

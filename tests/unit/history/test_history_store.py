@@ -14,7 +14,8 @@ from typing import Any
 
 import pytest
 
-from hil.history import Added, HistoryError, open_history, queries, tables
+from hil.history import queries, tables
+from hil.history.store import Added, HistoryError, open_history
 from hil.report.reading import checked
 
 Make = Callable[..., dict[str, Any]]
@@ -131,7 +132,7 @@ def test_a_failure_half_way_leaves_nothing(file: Path, entry: Make, document: Ma
 WRITER = """
 import json, sys
 from pathlib import Path
-from hil.history import open_history
+from hil.history.store import open_history
 documents = json.loads(Path(sys.argv[2]).read_text())
 for document in documents:
     with open_history(Path(sys.argv[1]), create=True) as history:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 from rich.table import Table
 
-from hil.imu.noise import RestNoise
+from hil.calibration.noise import RestNoise
 
 
 def table(role: str, found: RestNoise) -> Table:

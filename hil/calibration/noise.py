@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from hil.calibration.allan import Wander, allan_of
+from hil.core.calib import STANDARD_GRAVITY_MPS2
 from hil.errors import HilError
 from hil.imu.batches import batches
 from hil.imu.scale import ACCEL_MPS2_PER_LSB_PER_G, GYRO_RADPS_PER_LSB_PER_DPS
@@ -66,7 +67,10 @@ def rest_noise(recording: Recording, role: str) -> RestNoise:
     own = sent[sent["source"] == ROLES.index(role)]
     gyro = counts[:, :3] * (float(own["gyro_fs_dps"][-1]) * GYRO_RADPS_PER_LSB_PER_DPS)
     accel = counts[:, 3:] * (float(own["accel_fs_g"][-1]) * ACCEL_MPS2_PER_LSB_PER_G)
-    turn_dps, shake_mg = np.degrees(gyro.std(axis=0)).max(), accel.std(axis=0).max() / 9.80665e-3
+    turn_dps, shake_mg = (
+        np.degrees(gyro.std(axis=0)).max(),
+        accel.std(axis=0).max() / (STANDARD_GRAVITY_MPS2 * 1e-3),
+    )
     if turn_dps > STILL_STD_DPS or shake_mg > STILL_STD_MG:
         raise HilError(
             f"the {role} was not at rest: its rate varies by {turn_dps:.2f} dps, its acceleration "

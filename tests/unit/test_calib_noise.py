@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from hil.calibration.noise import rest_noise
 from hil.errors import HilError
-from hil.imu.noise import rest_noise
 from hil.motion.imu_model import ACCEL_LSB_G, ACCEL_NOISE_UG_RTHZ, GYRO_LSB_DPS
 from hil.motion.imu_model import GYRO_NOISE_MDPS_RTHZ as GYRO
 from hil.recording import Recording, load
