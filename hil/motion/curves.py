@@ -59,7 +59,7 @@ class Spline:
             raise ValueError(f"key times must increase: {t[at]} s is followed by {t[at + 1]} s")
         self.keys = tuple(keys)
         self.t_knots_s = t
-        self._coefficients = np.array([_septic(a, b) for a, b in pairwise(keys)]).reshape(-1, 8)
+        self.coefficients = np.array([_septic(a, b) for a, b in pairwise(keys)]).reshape(-1, 8)
 
     def __call__(self, t_s: FloatArray) -> Jet:
         t = np.asarray(t_s, dtype=np.float64)
@@ -70,7 +70,7 @@ class Spline:
             np.searchsorted(self.t_knots_s, inside, side="right") - 1, 0, len(self.keys) - 2
         )
         tau = inside - self.t_knots_s[piece]
-        c = self._coefficients[piece]
+        c = self.coefficients[piece]
         value = np.zeros_like(t)
         rate = np.zeros_like(t)
         accel = np.zeros_like(t)
@@ -110,6 +110,33 @@ _SEPTIC_END = np.array(
         [24.0, 60.0, 120.0, 210.0],
     ]
 )
+
+
+class Integral:
+    """The integral of a spline from its first knot on: a rate is given, and the value follows.
+
+    Before the first knot the value is zero, and the rate is what the spline holds there; both are
+    meant for splines that begin and end at zero.
+    """
+
+    def __init__(self, rate: Spline) -> None:
+        self.rate = rate
+        c, t = rate.coefficients, rate.t_knots_s
+        self._powers = c / np.arange(1, 9)
+        spans = np.diff(t)[:, None] ** np.arange(1, 9)
+        self._at_knots = np.concatenate([[0.0], np.cumsum(np.sum(self._powers * spans, axis=1))])
+
+    def __call__(self, t_s: FloatArray) -> Jet:
+        t = np.asarray(t_s, dtype=np.float64)
+        rate, accel, _ = self.rate(t)
+        knots = self.rate.t_knots_s
+        inside = np.clip(t, knots[0], knots[-1])
+        piece = np.clip(np.searchsorted(knots, inside, side="right") - 1, 0, len(knots) - 2)
+        tau = inside - knots[piece]
+        value = np.zeros_like(t)
+        for power in range(7, -1, -1):
+            value = (value + self._powers[piece, power]) * tau
+        return self._at_knots[piece] + value, rate, accel
 
 
 @dataclass(frozen=True)

@@ -75,6 +75,18 @@ def matrix(q: FloatArray) -> FloatArray:
     )
 
 
+def from_matrix(rotation: FloatArray) -> FloatArray:
+    """Quaternion with w >= 0 of a rotation matrix, by its largest component (Shepperd 1978)."""
+    m, trace = rotation, float(np.trace(rotation))
+    # 4 q q^T, whose row of the largest component is the safest to divide by.
+    outer = np.empty((4, 4))
+    outer[0] = [1.0 + trace, m[2, 1] - m[1, 2], m[0, 2] - m[2, 0], m[1, 0] - m[0, 1]]
+    outer[1:, 0] = outer[0, 1:]
+    outer[1:, 1:] = m + m.T + (1.0 - trace) * np.eye(3)
+    q = normalised(outer[int(np.argmax(np.diag(outer)))])
+    return q if q[0] >= 0.0 else -q
+
+
 def from_gravity(specific_force: FloatArray) -> FloatArray:
     """Quaternion with zero yaw whose world z axis is the direction of ``specific_force``.
 

@@ -29,7 +29,7 @@ from hil.report.plain import plain, text
 from hil.series import Series
 
 SCHEMA_ID: Final = "urn:hil:report:1"
-SCHEMA_VERSION: Final = "1.1"
+SCHEMA_VERSION: Final = "1.2"
 MAX_POINTS: Final = 6000
 """Points kept of one trace: more than twice the pixels that a wide screen has for it."""
 

@@ -46,6 +46,7 @@ def render(document: Mapping[str, Any]) -> str:
         budget=budget.of_all(document["budget"], runs),
         quantities={line["id"]: line["quantity"] for line in document["budget"]},
         unknowns=_unknowns(document["recordings"]),
+        league=document.get("league", []),
         styles=Markup(styles),  # noqa: S704 (our own assets)
         early_script=Markup(early),  # noqa: S704
         late_script=Markup(late),  # noqa: S704

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+from functools import cache
 
 import numpy as np
 import pytest
@@ -273,15 +274,21 @@ def test_vertical_velocity_of_a_known_motion():
     assert np.isfinite(broad.velocity_rmse_mps(ours, trial, washout=True))
 
 
-@pytest.mark.skipif(not os.environ.get("HIL_DATA"), reason="set HIL_DATA to the real recordings")
-@pytest.mark.parametrize("trial", ["14", "15"])
-def test_vertical_velocity_on_broad(trial):
-    """Beside the same integration on VQF's attitude; the filter's own bounds keep it from drift."""
+@cache
+def broad_figures(trial: str) -> dict[str, tuple[float, float]]:
+    """Inclination, deg, and vertical velocity, m/s, by method; the estimators run once a trial."""
     from hil.reference import broad  # noqa: PLC0415
 
     pytest.importorskip("h5py", reason="pip install h5py")
     pytest.importorskip("vqf", reason="pip install vqf")
-    rows = broad.figures(broad.load(os.environ["HIL_DATA"], trial))
+    return broad.figures(broad.load(os.environ["HIL_DATA"], trial))
+
+
+@pytest.mark.skipif(not os.environ.get("HIL_DATA"), reason="set HIL_DATA to the real recordings")
+@pytest.mark.parametrize("trial", ["14", "15"])
+def test_vertical_velocity_on_broad(trial):
+    """Beside the same integration on VQF's attitude; the filter's own bounds keep it from drift."""
+    rows = broad_figures(trial)
     ours, theirs = (rows[f"integration on {whose}"][1] for whose in ("this attitude", "VQF-6D's"))
     assert ours <= 1.5 * theirs
     assert ours <= rows["integration on Madgwick's"][1]
@@ -291,14 +298,9 @@ def test_vertical_velocity_on_broad(trial):
 @pytest.mark.parametrize("trial", ["14", "15", "24"])
 def test_inclination_on_broad(trial):
     """BROAD with optical truth: at least as good as Madgwick, within 1.5 times VQF-6D."""
-    from hil.reference import broad  # noqa: PLC0415
-
-    pytest.importorskip("h5py", reason="pip install h5py")
-    vqf = pytest.importorskip("vqf", reason="pip install vqf")
-    data = broad.load(os.environ["HIL_DATA"], trial)
-    ours = broad.inclination_rmse_deg(broad.attitude(data), data)
-    madgwick = broad.inclination_rmse_deg(broad.madgwick(data), data)
-    filtered = vqf.VQF(1.0 / data.rate_hz).updateBatch(data.gyro_radps, data.accel_mps2)
-    theirs = broad.inclination_rmse_deg(filtered["quat6D"], data)
+    rows = broad_figures(trial)
+    ours, madgwick, theirs = (
+        rows[f"integration on {whose}"][0] for whose in ("this attitude", "Madgwick's", "VQF-6D's")
+    )
     assert ours <= madgwick
     assert ours <= 1.5 * theirs
