@@ -14,6 +14,7 @@ from hil.calibration import measures as calibration
 from hil.calibration import series as calibration_series
 from hil.measure import Measurement
 from hil.recording import Recording
+from hil.reps import measures as reps
 from hil.series import Series
 
 SUITES: Final = ("sync", "link", "imu", "fifo", "cal", "ekf")
@@ -33,7 +34,10 @@ def evaluate_suites(recording: Recording) -> dict[str, list[Measurement]]:
         "imu": imu.measure(recording, sync),
         "fifo": imu.measure_fifo(recording, sync),
         "cal": calibration.measure(recording, sync.conditions),
-        "ekf": fusion.measure(recording, sync),
+        "ekf": [
+            *(found := fusion.measure(recording, sync)),
+            *(reps.measure(recording, sync.conditions) if found else []),
+        ],
     }
 
 

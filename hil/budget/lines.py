@@ -510,6 +510,22 @@ LINES: Final[tuple[Line, ...]] = (
         (Case("always", _always, high=0.6),),
     ),
     Line(
+        "K8",
+        "repetitions of the firmware's REP frames that are not those of hil.reps, or missing",
+        "1",
+        "the same definition on the same EKF frames; each differs by its time, kind, phases, start "
+        "or by which figures it has",
+        _none(),
+    ),
+    Line(
+        "K9",
+        "mean or peak velocity in a REP frame against hil.reps of the EKF frames, largest",
+        "mm/s",
+        "a float's rounding of a travel of 1 m, 0.06 um, in each of 300 additions, all one way, "
+        "over 0.5 s: 0.06 * 300 / 0.5 = 36 um/s",
+        (Case("always", _always, high=0.05),),
+    ),
+    Line(
         "M3",
         "mean velocity of a repetition, touch and go, RMSE over the set",
         "mm/s",

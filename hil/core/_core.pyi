@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: Apache-2.0
-# What binding.cpp and calib_binding.cpp offer. Use hil.core and hil.core.calib, which check, name
-# and document it.
+# What binding.cpp, calib_binding.cpp and reps_binding.cpp offer. Use hil.core, hil.core.calib and
+# hil.core.reps, which check, name and document it.
 from typing import Any, Self
 
 import numpy as np
@@ -57,3 +57,20 @@ def calib_allan_variance(y: NDArray[np.float64], length: int) -> float: ...
 def calib_rest(
     y: NDArray[np.float64], rate_hz: float
 ) -> tuple[float, float, tuple[float, float, float]]: ...
+
+REPS_KEPT: int
+REPS_STILL: int
+REPS_FOLLOWER_LOST: int
+REPS_CLIPPED: int
+
+class Reps:
+    def __init__(self) -> None: ...
+    def push(
+        self,
+        t_ticks: NDArray[np.int64],
+        velocity_z_mps: NDArray[np.float32],
+        height_m: NDArray[np.float32],
+        tilt_rad: NDArray[np.float32],
+        flags: NDArray[np.uint8],
+    ) -> tuple[list[int], bytes]: ...
+    def end(self) -> tuple[list[int], bytes]: ...

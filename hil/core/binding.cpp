@@ -1,6 +1,6 @@
 // SPDX-License-Identifier: Apache-2.0
 // Python's view of firmware/lib/estimator: conversion and argument checks, no mathematics. That of
-// firmware/lib/calib stands in calib_binding.cpp.
+// firmware/lib/calib stands in calib_binding.cpp, that of firmware/lib/reps in reps_binding.cpp.
 #include <cstddef>
 #include <cstring>
 #include <memory>
@@ -16,6 +16,7 @@
 
 #include "calib_binding.hpp"
 #include "estimator.hpp"
+#include "reps_binding.hpp"
 
 namespace nb = nanobind;
 using namespace nb::literals;
@@ -452,4 +453,5 @@ NB_MODULE(_core, m)
 	bind<float>(m, "Estimator32");
 	bind<double>(m, "Estimator64");
 	bind_calib(m);
+	bind_reps(m);
 }

@@ -44,6 +44,8 @@ ENUMS: Final[Mapping[str, Mapping[str, int]]] = {
     "cal_reason": table.CAL_REASONS,
     "boot_check": table.BOOT_CHECKS,
     "node_command": table.NODE_COMMANDS,
+    "rep_kind": table.REP_KINDS,
+    "rep_flag": table.REP_FLAGS,
 }
 """Singular name of each set of named values; it becomes the prefix of the enumerators."""
 

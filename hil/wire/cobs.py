@@ -21,30 +21,27 @@ FULL: Final = 0xFF
 RUN: Final = FULL - 1
 """Most bytes in a group."""
 
+_CODES: Final = tuple(bytes([length + 1]) for length in range(RUN + 1))
+"""By the length of the group."""
+
 ROW_LIMIT: Final = 254
 """Longest stuffed message that cannot hold a full group: what :func:`unstuff_rows` takes."""
 
 
 def stuff(data: bytes) -> bytes:
     """The shortest stuffed form of ``data``; no delimiters."""
-    stuffed = bytearray()
-    *inner, last = data.split(b"\0")
-    for run in inner:
-        stuffed += _full_groups(run)
-        stuffed += _group(run[len(run) // RUN * RUN :])
-    stuffed += _full_groups(last)
+    runs = data.split(b"\0")
+    pieces: list[bytes] = []
+    for run in runs:
+        at = 0
+        while len(run) - at >= RUN:
+            pieces += _CODES[RUN], run[at : at + RUN]
+            at += RUN
+        pieces += _CODES[len(run) - at], run[at:]
     # The end needs no group of its own when a full one has just said all.
-    if len(last) % RUN or not last:
-        stuffed += _group(last[len(last) // RUN * RUN :])
-    return bytes(stuffed)
-
-
-def _full_groups(run: bytes) -> bytes:
-    return b"".join(_group(run[at : at + RUN]) for at in range(0, len(run) - RUN + 1, RUN))
-
-
-def _group(run: bytes) -> bytes:
-    return bytes([len(run) + 1]) + run
+    if runs[-1] and len(runs[-1]) % RUN == 0:
+        del pieces[-2:]
+    return b"".join(pieces)
 
 
 def unstuff(chunk: bytes) -> bytes | None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import Any, Final
 
 import numpy as np
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from hil.wire.continuity import continuity
 from hil.wire.frames import Batch, Chunks, batches, find_chunks, frame
 from hil.wire.messages import BY_NAME, MESSAGES, Message, WireError
-from hil.wire.records import Collector, Records, pack
+from hil.wire.records import Collector, Packer, Records
 from hil.wire.schema import parse
 from hil.wire.text import TextLine, find_text
 
@@ -96,7 +97,12 @@ def encode_payload(name: str, values: Mapping[str, Any]) -> bytes:
     """
     if name not in BY_NAME:
         raise WireError(f"no message is named {name!r}: there are {', '.join(BY_NAME)}")
-    return pack(BY_NAME[name], values)
+    return _packer(name).pack(values)
+
+
+@cache
+def _packer(name: str) -> Packer:
+    return Packer(BY_NAME[name])
 
 
 def encode(name: str, values: Mapping[str, Any], seq: int) -> bytes:

@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from typing import Final
+from collections.abc import Mapping
+from typing import Any, Final
 
 from hil.wire.codec import Decoded, decode
 
@@ -16,10 +17,14 @@ class LiveStream:
 
     Each :class:`Decoded` stands for itself: its offsets count from the start of its own bytes, and
     frames lost between two of them are not among its losses.
+
+    Args:
+        schema: as :func:`hil.wire.codec.decode`.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, schema: Mapping[str, Any] | None = None) -> None:
         self._rest = b""
+        self._schema = schema
 
     def feed(self, data: bytes) -> Decoded:
         """What ``data`` has made whole; what has not ended yet waits for the next call."""
@@ -29,4 +34,4 @@ class LiveStream:
         self._rest = stream[max(end, 0) :]
         if len(self._rest) > UNDELIMITED_MAX:
             self._rest = b""
-        return decode(stream[: end + 1])
+        return decode(stream[: end + 1], self._schema)

@@ -20,6 +20,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from functools import cache
 from typing import Any, Final
 
 TICK_RATE_HZ: Final = 16_000_000
@@ -139,6 +140,15 @@ NODE_COMMANDS: Final[Mapping[str, int]] = {
     "raw_on": 3,
     "raw_off": 4,
     "reboot": 5,
+}
+REP_KINDS: Final[Mapping[str, int]] = {"none": 0, "full": 1, "partial": 2}
+REP_FLAGS: Final[Mapping[str, int]] = {
+    "correction": 1,
+    "lowered": 2,
+    "paused": 4,
+    "from_floor": 8,
+    "follower_lost": 16,
+    "clipped": 32,
 }
 FAULT_CODES: Final[Mapping[str, int]] = {
     "assert": 1,
@@ -436,6 +446,34 @@ MESSAGES: Final[tuple[Message, ...]] = (
         "Host to node: do this now.",
         (Field("command", "u8", "1", "A value of NODE_COMMANDS."),),
     ),
+    Message(
+        "rep",
+        18,
+        "One repetition, once it has ended; again, by the same number, when more is known of it.",
+        (
+            Field("set", "u16", "1", "Sets since boot; a gap in the estimate begins a new one."),
+            Field("number", "u16", "1", "Counts the repetitions reported in the set, from 1."),
+            Field("kind", "u8", "1", "A value of REP_KINDS; none: it was no repetition after all."),
+            Field("flags", "u8", "1", "Bits of REP_FLAGS."),
+            Field("phases", "u8", "1", "Concentric phases: more than one in a clean and jerk."),
+            Field("full_count", "u16", "1", "Full repetitions of the set up to this one."),
+            Field("t_start_ticks_leader", "u64", "tick", "Begins to rise.", clock="leader"),
+            Field("t_end_ticks_leader", "u64", "tick", "Has risen.", clock="leader"),
+            Field("mean_mps", "f32", "m/s", "Mean velocity, of the fastest phase."),
+            Field("peak_mps", "f32", "m/s", "Peak velocity, of the fastest phase."),
+            Field("time_to_peak_s", "f32", "s", "From the beginning of that phase to its peak."),
+            Field("eccentric_s", "f32", "s", "How long the bar was lowered; NaN: not, or not yet."),
+            Field("pause_s", "f32", "s", "From lowered to rising; NaN: not lowered before."),
+            Field("range_m", "f32", "m", "From the lowest to the highest point of the lift."),
+            Field("tilt_rad", "f32", "rad", "Largest tilt of the bar, leader's end up."),
+            Field(
+                "velocity_loss",
+                "f32",
+                "1",
+                "Mean velocity against the fastest full one up to it; NaN: partial, or the first.",
+            ),
+        ),
+    ),
 )
 
 BY_NAME: Final[Mapping[str, Message]] = {m.name: m for m in MESSAGES}
@@ -455,6 +493,7 @@ def schema(messages: tuple[Message, ...] = MESSAGES) -> dict[str, Any]:
     }
 
 
+@cache
 def schema_hash(messages: tuple[Message, ...] = MESSAGES) -> int:
     """First eight bytes, little-endian, of the SHA-256 of the canonical JSON of the table.
 

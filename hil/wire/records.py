@@ -3,9 +3,9 @@
 
 from __future__ import annotations
 
-import operator
 import struct
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import islice
 from typing import Any, Final
 
 import numpy as np
@@ -41,59 +41,89 @@ _STRUCT: Final[Mapping[str, str]] = {
     "i64": "q",
 }
 
+_SEQUENCE: Final = (list, tuple, Sequence, np.ndarray)
+_MAPPING: Final = (dict, Mapping)
+"""The usual kinds first: they are found at once."""
 
-def pack(message: Message, values: Mapping[str, Any]) -> bytes:
-    """Payload of ``message`` from raw numbers.
+_MISFITS: Final = (struct.error, TypeError, ValueError, OverflowError)
 
-    ``values`` holds every field, an array as a sequence, and a group as a sequence of such
-    mappings under the group's name. The field that counts the group may be left out.
 
-    Raises:
-        WireError: a value is missing, unknown, of the wrong kind or outside its type.
-    """
-    group = message.group
-    given = dict(values)
-    rows: Sequence[Mapping[str, Any]] = ()
-    if group:
+class Packer:
+    """Payloads of one message from raw numbers."""
+
+    def __init__(self, message: Message) -> None:
+        self._message = message
+        self._fixed = _Layout(message.fields)
+        self._row = _Layout(message.group.fields if message.group else ())
+
+    def pack(self, values: Mapping[str, Any]) -> bytes:
+        """One payload.
+
+        ``values`` holds every field, an array as a sequence, and a group as a sequence of such
+        mappings under the group's name. The field that counts the group may be left out.
+
+        Raises:
+            WireError: a value is missing, unknown, of the wrong kind or outside its type.
+        """
+        name, group = self._message.name, self._message.group
+        if group is None:
+            return self._fixed.pack(values, name)
+        given = dict(values)
         rows = given.pop(group.name, ())
-        if not isinstance(rows, Sequence) or not all(isinstance(row, Mapping) for row in rows):
-            raise WireError(f"{message.name}.{group.name}: a sequence of mappings is needed")
+        if not isinstance(rows, _SEQUENCE) or not all(isinstance(row, _MAPPING) for row in rows):
+            raise WireError(f"{name}.{group.name}: a sequence of mappings is needed")
         if len(rows) > group.max_count:
-            raise WireError(
-                f"{message.name}.{group.name}: {len(rows)} rows are over {group.max_count}"
-            )
+            raise WireError(f"{name}.{group.name}: {len(rows)} rows are over {group.max_count}")
         if given.setdefault(group.count_field, len(rows)) != len(rows):
             raise WireError(
-                f"{message.name}.{group.count_field}: {given[group.count_field]} is said, "
+                f"{name}.{group.count_field}: {given[group.count_field]} is said, "
                 f"{len(rows)} rows are given"
             )
-    payload = _pack_fields(message.fields, given, message.name)
-    for i, row in enumerate(rows):
-        assert group is not None
-        payload += _pack_fields(group.fields, row, f"{message.name}.{group.name}[{i}]")
-    return payload
+        where = f"{name}.{group.name}"
+        packed = [self._row.pack(row, f"{where}[{i}]") for i, row in enumerate(rows)]
+        return self._fixed.pack(given, name) + b"".join(packed)
 
 
-def _pack_fields(fields: Sequence[Field], values: Mapping[str, Any], where: str) -> bytes:
-    unknown = sorted(set(values) - {f.name for f in fields})
-    if unknown:
-        raise WireError(f"{where}: unknown field {', '.join(unknown)}")
-    packed = b""
-    for f in fields:
-        if f.name not in values:
-            raise WireError(f"{where}.{f.name}: missing")
-        value = values[f.name]
-        if f.count > 1 and not isinstance(value, Sequence | np.ndarray):
-            raise WireError(f"{where}.{f.name}: {value!r} is no sequence of {f.count}")
-        elements = [value] if f.count == 1 else list(value)
-        if len(elements) != f.count:
-            raise WireError(f"{where}.{f.name}: {len(elements)} elements, not {f.count}")
-        number = float if f.type == "f32" else operator.index
+class _Layout:
+    """Fields one behind the other."""
+
+    def __init__(self, fields: Sequence[Field]) -> None:
+        self._fields = fields
+        self._names = {f.name for f in fields}
+        self._struct = struct.Struct("<" + "".join(f"{f.count}{_STRUCT[f.type]}" for f in fields))
+
+    def pack(self, values: Mapping[str, Any], where: str) -> bytes:
+        unknown = sorted(values.keys() - self._names)
+        if unknown:
+            raise WireError(f"{where}: unknown field {', '.join(unknown)}")
+        elements: list[Any] = []
+        for f in self._fields:
+            if f.name not in values:
+                raise WireError(f"{where}.{f.name}: missing")
+            value = values[f.name]
+            if f.count == 1:
+                elements.append(value)
+                continue
+            if not isinstance(value, _SEQUENCE):
+                raise WireError(f"{where}.{f.name}: {value!r} is no sequence of {f.count}")
+            if len(value) != f.count:
+                raise WireError(f"{where}.{f.name}: {len(value)} elements, not {f.count}")
+            elements += value
         try:
-            packed += struct.pack(f"<{f.count}{_STRUCT[f.type]}", *map(number, elements))
-        except (struct.error, TypeError, ValueError, OverflowError) as error:
-            raise WireError(f"{where}.{f.name}: {value!r} is no {f.type}: {error}") from error
-    return packed
+            return self._struct.pack(*elements)
+        except _MISFITS as error:
+            raise self._misfit(elements, where) from error
+
+    def _misfit(self, elements: Sequence[Any], where: str) -> WireError:
+        """Which element it was that does not fit its type."""
+        left = iter(elements)
+        for f in self._fields:
+            for element in islice(left, f.count):
+                try:
+                    struct.pack(f"<{_STRUCT[f.type]}", element)
+                except _MISFITS as error:
+                    return WireError(f"{where}.{f.name}: {element!r} is no {f.type}: {error}")
+        raise AssertionError("each element fits its type, and all together do not")
 
 
 def record_type(message: Message) -> np.dtype[np.void]:

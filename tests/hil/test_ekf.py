@@ -43,5 +43,9 @@ def test_attitude_and_stillness(judge_ekf: Judge) -> None:
     judge_ekf("inclination_rmse_deg", "false_zupt_frames")
 
 
+def test_repetitions_found_on_line_are_those_of_the_definition(judge_ekf: Judge) -> None:
+    judge_ekf("rep_frames_wrong", "rep_velocity_error_mmps")
+
+
 def test_nothing_else_of_the_estimate_is_wrong(judge_ekf: Judge) -> None:
     judge_ekf("")

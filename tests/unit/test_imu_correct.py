@@ -20,6 +20,7 @@ from tests.unit.native import STRICT, shared_library
 
 ROOT = Path(__file__).resolve().parents[2]
 CALIB = ROOT / "firmware" / "lib" / "calib"
+DRIVER = ROOT / "firmware" / "drivers" / "lsm6dsox"
 WIRE = ROOT / "firmware" / "lib" / "wire"
 SHIM = ROOT / "tests" / "unit" / "c" / "calib_shim.c"
 Counts = NDArray[np.int16]
@@ -93,7 +94,7 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
     return shared_library(
         tmp_path_factory.mktemp("correct") / "calib.so",
         [*(CALIB / f"calib_{part}.c" for part in ("correct", "boot", "record")), SHIM],
-        [CALIB, WIRE],
+        [CALIB, WIRE, DRIVER],
         (*STRICT, "-O2", "-ffp-contract=off"),
     )
 

@@ -3,6 +3,8 @@
 
 #include <string.h>
 
+#include "lsm6dsox_scale.h"
+
 /* With DRDY_MASK set, counts of a sensor that has not settled are 7FFDh or more on every axis
  * (ST AN5040, section 4.3.1, DRDY mask functionality).
  */
@@ -18,9 +20,6 @@
  * third edge it is 4.6 ticks, in steady state less.
  */
 #define HARDWARE_SIGMA_TICKS 6.0f
-
-/* A saturated axis rests a little below the end of the 16 bits: at 32742 in one of ST's own logs. */
-#define CLIPPED_LSB 32700
 
 static uint32_t crc32_nibbles(uint32_t crc, uint8_t byte)
 {
@@ -51,7 +50,7 @@ static uint32_t crc32_axes(uint32_t crc, const int16_t axes_lsb[3])
 static bool is_clipped(const int16_t axes_lsb[3])
 {
 	for (size_t i = 0; i < 3; i++) {
-		if (axes_lsb[i] >= CLIPPED_LSB || axes_lsb[i] <= -CLIPPED_LSB) {
+		if (axes_lsb[i] >= LSM6DSOX_CLIPPED_LSB || axes_lsb[i] <= -LSM6DSOX_CLIPPED_LSB) {
 			return true;
 		}
 	}

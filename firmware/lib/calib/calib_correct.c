@@ -4,18 +4,16 @@
 #include <math.h>
 #include <string.h>
 
-/* LSM6DSOX: 30.5 ug and 35 udps a count, per unit of full scale (datasheet, table 2). */
-#define ACCEL_MPS2_PER_LSB_PER_G    (3.05e-5 * 9.80665)
-#define GYRO_RADPS_PER_LSB_PER_DPS (3.5e-5 * (3.14159265358979323846 / 180.0))
+#include "lsm6dsox_scale.h"
 
 float calib_accel_mps2_per_lsb(uint8_t fs_g)
 {
-	return (float)(fs_g * ACCEL_MPS2_PER_LSB_PER_G);
+	return (float)(fs_g * LSM6DSOX_ACCEL_MPS2_PER_LSB_PER_G);
 }
 
 float calib_gyro_radps_per_lsb(uint16_t fs_dps)
 {
-	return (float)(fs_dps * GYRO_RADPS_PER_LSB_PER_DPS);
+	return (float)(fs_dps * LSM6DSOX_GYRO_RADPS_PER_LSB_PER_DPS);
 }
 
 void calib_correct_prepare(struct calib_correct *correct, const struct calib_values *values,
@@ -35,7 +33,8 @@ static int16_t to_count(int16_t raw, float corrected)
 {
 	const float limit = (float)CALIB_COUNT_MAX;
 
-	if (raw >= CALIB_CLIPPED_LSB || raw <= -CALIB_CLIPPED_LSB) {
+	/* What may be clipped is passed on as it is, so that it shows. */
+	if (raw >= LSM6DSOX_CLIPPED_LSB || raw <= -LSM6DSOX_CLIPPED_LSB) {
 		return raw;
 	}
 	/* The limits are whole numbers: clamped first, it rounds to the same. */

@@ -19,8 +19,6 @@
 extern "C" {
 #endif
 
-/** From here on a count may be the end of the range: passed on as it is, so that it shows. */
-#define CALIB_CLIPPED_LSB 32700
 /** Largest magnitude of a corrected count. */
 #define CALIB_COUNT_MAX   32767
 

@@ -8,6 +8,8 @@
 #include <zephyr/sys/util.h>
 
 #include "diag_uart.h"
+#include "lsm6dsox_scale.h"
+#include "shadow_log.h"
 #include "sync_timer.h"
 
 #define NODE (IS_ENABLED(CONFIG_BV_ROLE_LEADER) ? "leader" : "follower")
@@ -26,17 +28,21 @@ void diag_csv_header(void)
 		       "accel_x_mg,accel_y_mg,accel_z_mg");
 	diag_uart_line("#SYNC,node,t_us,state,offset_ns,skew_ppb,residual_rms_ns,"
 		       "offset_sigma_ns,pairs_used,pairs_dropped");
+	if (IS_ENABLED(CONFIG_BV_SHADOW_LOG)) {
+		diag_uart_line(SHADOW_HEADER);
+	}
 }
 
-/* LSM6DSOX: 35 udps/LSB and 30.5 ug/LSB per unit of full scale (DocID LSM6DSOX, table 2). */
 static int32_t gyro_mdps(const struct wire_imu_batch *batch, int axis)
 {
-	return (int32_t)((int64_t)batch->samples[0].gyro_lsb[axis] * batch->gyro_fs_dps * 35 / 1000);
+	return (int32_t)((int64_t)batch->samples[0].gyro_lsb[axis] * batch->gyro_fs_dps *
+			 LSM6DSOX_GYRO_UDPS_PER_LSB_PER_DPS / 1000);
 }
 
 static int32_t accel_mg(const struct wire_imu_batch *batch, int axis)
 {
-	return (int32_t)batch->samples[0].accel_lsb[axis] * batch->accel_fs_g * 61 / 2000;
+	return (int32_t)batch->samples[0].accel_lsb[axis] * batch->accel_fs_g *
+	       LSM6DSOX_ACCEL_UG_PER_2_LSB_PER_G / 2000;
 }
 
 void diag_csv_imu(const struct wire_imu_batch *batch)

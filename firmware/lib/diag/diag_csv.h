@@ -7,6 +7,7 @@
  * others says which kind of line it is. Times are microseconds of the node's own sync clock.
  *
  *   IMU,node,t_us,gyro_x_mdps,gyro_y_mdps,gyro_z_mdps,accel_x_mg,accel_y_mg,accel_z_mg
+ *   shadow,...: see shadow_log.h; CONFIG_BV_SHADOW_LOG
  *   SYNC,node,t_us,state,offset_ns,skew_ppb,residual_rms_ns,offset_sigma_ns,pairs_used,pairs_dropped
  */
 #ifndef BV_DIAG_CSV_H_

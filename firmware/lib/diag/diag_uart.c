@@ -171,6 +171,11 @@ void diag_uart_close(void)
 	k_sleep(K_MSEC(1));
 }
 
+void diag_uart_count_dropped(void)
+{
+	atomic_inc(&dropped);
+}
+
 uint32_t diag_uart_dropped(void)
 {
 	return (uint32_t)atomic_get(&dropped);

@@ -42,6 +42,9 @@ void diag_uart_line(const char *text);
  */
 void diag_uart_close(void);
 
+/** Count one line that its producer had to drop before it came here. */
+void diag_uart_count_dropped(void);
+
 /** Frames and lines dropped because the line was full, since boot. */
 uint32_t diag_uart_dropped(void);
 

@@ -4,19 +4,16 @@
 #include <cstdlib>
 #include <new>
 
+#include "lsm6dsox_scale.h"
+
 namespace bv
 {
 namespace
 {
 
-// LSM6DSOX: 30.5 ug and 35 udps a count, per unit of full scale (datasheet, table 2).
-constexpr double ACCEL_MPS2_PER_LSB_PER_G = 3.05e-5 * 9.80665;
-constexpr double GYRO_RADPS_PER_LSB_PER_DPS = 3.5e-5 * (3.14159265358979323846 / 180.0);
 constexpr double SUBTICKS_PER_TICK = 256.0;
 // The bar may have gone anywhere while its sensor slept: after this long, level and begin again.
 constexpr Ticks GAP_MAX_TICKS = TICKS_PER_S / 4;
-// A saturated axis rests a little below the end of the 16 bits.
-constexpr int CLIPPED_LSB = 32700;
 
 Params<float> params_for(float rate_hz)
 {
@@ -38,9 +35,9 @@ Vector3<float> to_si(const std::int16_t lsb[3], float si_per_lsb)
 
 bool is_clipped(const std::int16_t lsb[3])
 {
-	return std::abs(static_cast<int>(lsb[0])) >= CLIPPED_LSB ||
-	       std::abs(static_cast<int>(lsb[1])) >= CLIPPED_LSB ||
-	       std::abs(static_cast<int>(lsb[2])) >= CLIPPED_LSB;
+	return std::abs(static_cast<int>(lsb[0])) >= LSM6DSOX_CLIPPED_LSB ||
+	       std::abs(static_cast<int>(lsb[1])) >= LSM6DSOX_CLIPPED_LSB ||
+	       std::abs(static_cast<int>(lsb[2])) >= LSM6DSOX_CLIPPED_LSB;
 }
 
 Sample<float> sample_of(const wire_imu_batch &batch, unsigned int i)
@@ -51,10 +48,12 @@ Sample<float> sample_of(const wire_imu_batch &batch, unsigned int i)
 
 	sample.t_ticks =
 		static_cast<Ticks>(batch.t_first_ticks_node + ((since_subticks + 128U) >> 8));
-	sample.accel_mps2 = to_si(
-		raw.accel_lsb, static_cast<float>(batch.accel_fs_g * ACCEL_MPS2_PER_LSB_PER_G));
-	sample.gyro_radps = to_si(
-		raw.gyro_lsb, static_cast<float>(batch.gyro_fs_dps * GYRO_RADPS_PER_LSB_PER_DPS));
+	sample.accel_mps2 =
+		to_si(raw.accel_lsb,
+		      static_cast<float>(batch.accel_fs_g * LSM6DSOX_ACCEL_MPS2_PER_LSB_PER_G));
+	sample.gyro_radps =
+		to_si(raw.gyro_lsb,
+		      static_cast<float>(batch.gyro_fs_dps * LSM6DSOX_GYRO_RADPS_PER_LSB_PER_DPS));
 	sample.clipped = is_clipped(raw.accel_lsb) || is_clipped(raw.gyro_lsb);
 	sample.t_sigma_s = static_cast<float>(batch.t_sigma_ticks) *
 			   static_cast<float>(1.0 / (SUBTICKS_PER_TICK * TICKS_PER_S));

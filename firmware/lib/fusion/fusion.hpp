@@ -36,6 +36,12 @@ public:
 		return estimator_.params().rate_hz;
 	}
 
+	/// What the last step left, for whoever logs it.
+	const Estimator<float> &estimator() const
+	{
+		return estimator_;
+	}
+
 	/// Follower samples that were dropped because too many waited.
 	std::uint32_t dropped() const
 	{

@@ -6,6 +6,8 @@
 
 #include "diag_uart.h"
 #include "fusion.hpp"
+#include "fusion_reps.hpp"
+#include "fusion_shadow.hpp"
 
 namespace
 {
@@ -52,16 +54,30 @@ void on_step(void *context, std::uint32_t step, const bv::Output<float> &output)
 
 bv::Fusion fusion(on_step, nullptr);
 
-void on_step(void *context, std::uint32_t step, const bv::Output<float> &output)
+/// Whether a step is one of about @p wanted_hz evenly spread ones.
+bool is_due(std::uint32_t step, int wanted_hz)
 {
 	const std::uint32_t every = static_cast<std::uint32_t>(
-		std::lround(fusion.rate_hz() / static_cast<float>(CONFIG_BV_FUSION_STREAM_HZ)));
+		std::lround(fusion.rate_hz() / static_cast<float>(wanted_hz)));
 
+	return every <= 1U || step % every == 0U;
+}
+
+void on_step(void *context, std::uint32_t step, const bv::Output<float> &output)
+{
 	static_cast<void>(context);
-	if (every <= 1U || step % every == 0U) {
+	if (is_due(step, CONFIG_BV_FUSION_STREAM_HZ)) {
 		send_state(step, output);
 		send_baseline(output);
 	}
+#ifdef CONFIG_BV_REPS
+	if (is_due(step, CONFIG_BV_REPS_STEP_HZ)) {
+		fusion_reps_take(output);
+	}
+#endif
+#ifdef CONFIG_BV_SHADOW_LOG
+	fusion_shadow_take(fusion.estimator(), output);
+#endif
 }
 
 } // namespace

@@ -20,7 +20,7 @@
 #include <string.h>
 
 #define WIRE_PROTOCOL_VERSION 1u
-#define WIRE_SCHEMA_HASH UINT64_C(0xEE9FE9AD5B5B3968)
+#define WIRE_SCHEMA_HASH UINT64_C(0x039734536DD11BCF)
 #define WIRE_TICK_RATE_HZ 16000000u
 /* Size of the largest payload of all messages. */
 #define WIRE_MAX_PAYLOAD_SIZE 218u
@@ -97,6 +97,21 @@ enum {
 	WIRE_NODE_COMMAND_RAW_ON = 3,
 	WIRE_NODE_COMMAND_RAW_OFF = 4,
 	WIRE_NODE_COMMAND_REBOOT = 5,
+};
+
+enum {
+	WIRE_REP_KIND_NONE = 0,
+	WIRE_REP_KIND_FULL = 1,
+	WIRE_REP_KIND_PARTIAL = 2,
+};
+
+enum {
+	WIRE_REP_FLAG_CORRECTION = 1,
+	WIRE_REP_FLAG_LOWERED = 2,
+	WIRE_REP_FLAG_PAUSED = 4,
+	WIRE_REP_FLAG_FROM_FLOOR = 8,
+	WIRE_REP_FLAG_FOLLOWER_LOST = 16,
+	WIRE_REP_FLAG_CLIPPED = 32,
 };
 
 static inline void wire_put_u8(uint8_t *buf, uint8_t value)
@@ -1388,6 +1403,107 @@ static inline bool wire_node_command_get(struct wire_node_command *m, const uint
 		return false;
 	}
 	m->command = wire_get_u8(buf + WIRE_NODE_COMMAND_COMMAND_OFFSET);
+	return true;
+}
+
+/* One repetition, once it has ended; again, by the same number, when more is known of it. */
+#define WIRE_REP_ID 18u
+#define WIRE_REP_SIZE 57u
+#define WIRE_REP_SET_OFFSET 0u
+#define WIRE_REP_NUMBER_OFFSET 2u
+#define WIRE_REP_KIND_OFFSET 4u
+#define WIRE_REP_FLAGS_OFFSET 5u
+#define WIRE_REP_PHASES_OFFSET 6u
+#define WIRE_REP_FULL_COUNT_OFFSET 7u
+#define WIRE_REP_T_START_TICKS_LEADER_OFFSET 9u
+#define WIRE_REP_T_END_TICKS_LEADER_OFFSET 17u
+#define WIRE_REP_MEAN_MPS_OFFSET 25u
+#define WIRE_REP_PEAK_MPS_OFFSET 29u
+#define WIRE_REP_TIME_TO_PEAK_S_OFFSET 33u
+#define WIRE_REP_ECCENTRIC_S_OFFSET 37u
+#define WIRE_REP_PAUSE_S_OFFSET 41u
+#define WIRE_REP_RANGE_M_OFFSET 45u
+#define WIRE_REP_TILT_RAD_OFFSET 49u
+#define WIRE_REP_VELOCITY_LOSS_OFFSET 53u
+
+struct wire_rep {
+	/* Sets since boot; a gap in the estimate begins a new one. [1] */
+	uint16_t set;
+	/* Counts the repetitions reported in the set, from 1. [1] */
+	uint16_t number;
+	/* A value of REP_KINDS; none: it was no repetition after all. [1] */
+	uint8_t kind;
+	/* Bits of REP_FLAGS. [1] */
+	uint8_t flags;
+	/* Concentric phases: more than one in a clean and jerk. [1] */
+	uint8_t phases;
+	/* Full repetitions of the set up to this one. [1] */
+	uint16_t full_count;
+	/* Begins to rise. [tick, leader clock] */
+	uint64_t t_start_ticks_leader;
+	/* Has risen. [tick, leader clock] */
+	uint64_t t_end_ticks_leader;
+	/* Mean velocity, of the fastest phase. [m/s] */
+	float mean_mps;
+	/* Peak velocity, of the fastest phase. [m/s] */
+	float peak_mps;
+	/* From the beginning of that phase to its peak. [s] */
+	float time_to_peak_s;
+	/* How long the bar was lowered; NaN: not, or not yet. [s] */
+	float eccentric_s;
+	/* From lowered to rising; NaN: not lowered before. [s] */
+	float pause_s;
+	/* From the lowest to the highest point of the lift. [m] */
+	float range_m;
+	/* Largest tilt of the bar, leader's end up. [rad] */
+	float tilt_rad;
+	/* Mean velocity against the fastest full one up to it; NaN: partial, or the first. [1] */
+	float velocity_loss;
+};
+
+static inline size_t wire_rep_put(uint8_t *buf, const struct wire_rep *m)
+{
+	wire_put_u16(buf + WIRE_REP_SET_OFFSET, m->set);
+	wire_put_u16(buf + WIRE_REP_NUMBER_OFFSET, m->number);
+	wire_put_u8(buf + WIRE_REP_KIND_OFFSET, m->kind);
+	wire_put_u8(buf + WIRE_REP_FLAGS_OFFSET, m->flags);
+	wire_put_u8(buf + WIRE_REP_PHASES_OFFSET, m->phases);
+	wire_put_u16(buf + WIRE_REP_FULL_COUNT_OFFSET, m->full_count);
+	wire_put_u64(buf + WIRE_REP_T_START_TICKS_LEADER_OFFSET, m->t_start_ticks_leader);
+	wire_put_u64(buf + WIRE_REP_T_END_TICKS_LEADER_OFFSET, m->t_end_ticks_leader);
+	wire_put_f32(buf + WIRE_REP_MEAN_MPS_OFFSET, m->mean_mps);
+	wire_put_f32(buf + WIRE_REP_PEAK_MPS_OFFSET, m->peak_mps);
+	wire_put_f32(buf + WIRE_REP_TIME_TO_PEAK_S_OFFSET, m->time_to_peak_s);
+	wire_put_f32(buf + WIRE_REP_ECCENTRIC_S_OFFSET, m->eccentric_s);
+	wire_put_f32(buf + WIRE_REP_PAUSE_S_OFFSET, m->pause_s);
+	wire_put_f32(buf + WIRE_REP_RANGE_M_OFFSET, m->range_m);
+	wire_put_f32(buf + WIRE_REP_TILT_RAD_OFFSET, m->tilt_rad);
+	wire_put_f32(buf + WIRE_REP_VELOCITY_LOSS_OFFSET, m->velocity_loss);
+	return WIRE_REP_SIZE;
+}
+
+static inline bool wire_rep_get(struct wire_rep *m, const uint8_t *buf,
+					size_t len)
+{
+	if (len != WIRE_REP_SIZE) {
+		return false;
+	}
+	m->set = wire_get_u16(buf + WIRE_REP_SET_OFFSET);
+	m->number = wire_get_u16(buf + WIRE_REP_NUMBER_OFFSET);
+	m->kind = wire_get_u8(buf + WIRE_REP_KIND_OFFSET);
+	m->flags = wire_get_u8(buf + WIRE_REP_FLAGS_OFFSET);
+	m->phases = wire_get_u8(buf + WIRE_REP_PHASES_OFFSET);
+	m->full_count = wire_get_u16(buf + WIRE_REP_FULL_COUNT_OFFSET);
+	m->t_start_ticks_leader = wire_get_u64(buf + WIRE_REP_T_START_TICKS_LEADER_OFFSET);
+	m->t_end_ticks_leader = wire_get_u64(buf + WIRE_REP_T_END_TICKS_LEADER_OFFSET);
+	m->mean_mps = wire_get_f32(buf + WIRE_REP_MEAN_MPS_OFFSET);
+	m->peak_mps = wire_get_f32(buf + WIRE_REP_PEAK_MPS_OFFSET);
+	m->time_to_peak_s = wire_get_f32(buf + WIRE_REP_TIME_TO_PEAK_S_OFFSET);
+	m->eccentric_s = wire_get_f32(buf + WIRE_REP_ECCENTRIC_S_OFFSET);
+	m->pause_s = wire_get_f32(buf + WIRE_REP_PAUSE_S_OFFSET);
+	m->range_m = wire_get_f32(buf + WIRE_REP_RANGE_M_OFFSET);
+	m->tilt_rad = wire_get_f32(buf + WIRE_REP_TILT_RAD_OFFSET);
+	m->velocity_loss = wire_get_f32(buf + WIRE_REP_VELOCITY_LOSS_OFFSET);
 	return true;
 }
 

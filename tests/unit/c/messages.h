@@ -20,6 +20,7 @@
 	X(imu_setup, IMU_SETUP)                                                                    \
 	X(link_drop, LINK_DROP)                                                                    \
 	X(cal_record, CAL_RECORD)                                                                  \
-	X(node_command, NODE_COMMAND)
+	X(node_command, NODE_COMMAND)                                                              \
+	X(rep, REP)
 
 #endif /* MESSAGES_H_ */

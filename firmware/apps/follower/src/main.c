@@ -10,6 +10,7 @@
 #include "link.h"
 #include "node.h"
 #include "peer.h"
+#include "shadow_log.h"
 #include "sync_wire.h"
 
 /* From the interrupt to the thread below: a quarter of a second at 7.5 ms. */
@@ -54,6 +55,9 @@ static void on_batch(const struct wire_imu_batch *batch)
 	own.source = WIRE_ROLE_FOLLOWER;
 	node_send_batch(&own);
 	diag_csv_imu(&own);
+	if (IS_ENABLED(CONFIG_BV_SHADOW_LOG)) {
+		shadow_log_batch(&own);
+	}
 	(void)link_send(WIRE_IMU_BATCH_ID, payload, wire_imu_batch_put(payload, &own));
 }
 

@@ -15,6 +15,10 @@
 #define FUTURE_TICKS (1 * TICKS_PER_MS)
 #define PAST_TICKS   (60000 * TICKS_PER_MS)
 
+/* 8 kHz and 11 Hz: the sensor's 6.67 kHz and 12.5 Hz, each off by less than a tenth. */
+#define PERIOD_MIN_SUBTICKS (SYNC_TICK_RATE_HZ / 8000U * SYNC_SUBTICKS_PER_TICK)
+#define PERIOD_MAX_SUBTICKS (SYNC_TICK_RATE_HZ / 11U * SYNC_SUBTICKS_PER_TICK)
+
 /* Written by the Bluetooth RX thread alone; each is one word, so readers need no lock. */
 static uint32_t received;
 static uint32_t lost;
@@ -68,6 +72,20 @@ static int64_t age_ticks(const struct wire_imu_batch *batch)
 	return (int64_t)(sync_timer_now_ticks() - last_ticks);
 }
 
+/* What a sensor of this kind can have been set to. The peer may say anything, and a period beyond
+ * the slowest rate would leave 32 bits on the leader's clock.
+ */
+static bool is_plausible(const struct wire_imu_batch *batch)
+{
+	const uint16_t g = batch->accel_fs_g;
+	const uint16_t dps = batch->gyro_fs_dps;
+
+	return (g == 2U || g == 4U || g == 8U || g == 16U) &&
+	       (dps == 125U || dps == 250U || dps == 500U || dps == 1000U || dps == 2000U) &&
+	       batch->period_ticks >= PERIOD_MIN_SUBTICKS &&
+	       batch->period_ticks <= PERIOD_MAX_SUBTICKS;
+}
+
 /* Nothing is sampled after it has arrived, and nothing older than the supervision timeout and the
  * queue together can still come.
  */
@@ -85,7 +103,7 @@ bool follower_stream_take(const uint8_t *payload, size_t len)
 	struct sync_model model;
 
 	if (!wire_imu_batch_get(&batch, payload, len) || batch.count == 0U ||
-	    batch.source != WIRE_ROLE_FOLLOWER) {
+	    batch.source != WIRE_ROLE_FOLLOWER || !is_plausible(&batch)) {
 		return false;
 	}
 	/* Without a model its times mean nothing here; the sample index shows the gap. */
