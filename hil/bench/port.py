@@ -59,6 +59,11 @@ class SerialPort:
 
     8 data bits, no parity, 1 stop bit, no flow control, locked against other programs.
 
+    Attributes:
+        path: device file.
+        gaps: times without the port that are over.
+        lost_ns: since when it has been away, host's monotonic clock; None while it is there.
+
     Args:
         path: device file.
         baud: line rate.
@@ -84,6 +89,7 @@ class SerialPort:
     ) -> None:
         self.path = str(path)
         self.gaps: list[Gap] = []
+        self.lost_ns: int | None = None
         self._baud = baud
         self._resolve = resolve
         self._replug_limit_s = replug_limit_s
@@ -193,6 +199,7 @@ class SerialPort:
             )
 
     def _find_again(self, t_lost_ns: int, error: Exception) -> None:
+        self.lost_ns = t_lost_ns
         self._close_serial()
         if self._resolve is None:
             self._fail(
@@ -207,6 +214,7 @@ class SerialPort:
         while not self._closing:
             if self._open_again():
                 self.gaps.append(Gap(t_lost_ns, time.monotonic_ns()))
+                self.lost_ns = None
                 return
             if time.monotonic() > deadline_s:
                 self._fail(
