@@ -152,13 +152,37 @@
     return chart.traces.map(function (trace, n) {
       var colour = function () { return css("--s" + n % 8); };
       var s = { label: trace.label, stroke: colour, width: 1.5 };
-      if (trace.kind === "points") {
+      if (trace.kind === "edge") {
+        // Bounds a band and is not drawn itself.
+        s.stroke = "transparent";
+        s.points = { show: false };
+      } else if (trace.kind === "points") {
         s.paths = function () { return null; };
         s.points = { show: true, size: 4, width: 0, fill: colour, stroke: colour };
       } else {
         s.points = { show: false };
       }
       return s;
+    });
+  }
+
+  // Spans of time behind the traces, and on the upper edge of the plot.
+  function drawSpans(chart) {
+    return function (u) {
+      var c = u.ctx, box = u.bbox, thick = 4 * uPlot.pxRatio;
+      c.save();
+      c.beginPath(); c.rect(box.left, box.top, box.width, box.height); c.clip();
+      (chart.spans || []).forEach(function (span) {
+        var a = u.valToPos(span.from, "x", true), b = u.valToPos(span.to, "x", true);
+        c.fillStyle = css("--" + span.kind);
+        c.fillRect(a, box.top, Math.max(b - a, 1), span.kind === "repetition" ? thick : box.height);
+      });
+      c.restore();
+    };
+  }
+  function bandsOf(chart) {
+    return (chart.bands || []).map(function (band) {
+      return { series: band.series, fill: function () { return css("--s" + band.colour % 8) + "38"; } };
     });
   }
 
@@ -202,7 +226,9 @@
         } })
       ],
       series: [{}].concat(series(chart)),
+      bands: bandsOf(chart),
       hooks: {
+        drawClear: [drawSpans(chart)],
         draw: [drawLimits(chart)],
         setCursor: [function (u) { show(u, chart, readout); }],
         setScale: [function (u, key) {
