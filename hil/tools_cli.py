@@ -58,6 +58,11 @@ def truth(
     unit: Annotated[
         str | None, typer.Option(help="m, cm, mm for heights; m/s, cm/s, mm/s for velocities.")
     ] = None,
+    csv: Annotated[Path | None, typer.Option("--csv", help="Repetitions to this file.")] = None,
+    json: Annotated[Path | None, typer.Option("--json", help="All figures to this file.")] = None,
+    picture: Annotated[
+        Path | None, typer.Option("--plot", help="Velocities and errors to this .svg or .html.")
+    ] = None,
 ) -> None:
     """Align an outside reference with the estimate and show the errors of the estimate.
 
@@ -66,12 +71,21 @@ def truth(
     Example: [bold]hil truth my-run encoder.csv --unit mm[/bold]
     """
     from hil import library  # noqa: PLC0415 (start-up time of --help)
+    from hil.atomic import write_whole  # noqa: PLC0415
     from hil.recording import load  # noqa: PLC0415
     from hil.report import terminal  # noqa: PLC0415
     from hil.reps import of_recording  # noqa: PLC0415
-    from hil.truth import reference as files  # noqa: PLC0415
-    from hil.truth import score, show  # noqa: PLC0415
+    from hil.truth import files, plot, score, show  # noqa: PLC0415
+    from hil.truth import reference as references  # noqa: PLC0415
 
-    known = files.read(reference, files.Columns(time_column, value_column, time_unit, unit))
+    known = references.read(
+        reference, references.Columns(time_column, value_column, time_unit, unit)
+    )
     found = score.compare(of_recording(load(library.resolve(recording))), known)
+    if csv:
+        write_whole(csv, files.as_csv(found).encode("ascii"))
+    if json:
+        write_whole(json, files.as_json(found).encode("ascii"))
+    if picture:
+        write_whole(picture, plot.drawn(picture, str(recording), found))
     show.render(known, found, terminal.console())

@@ -41,7 +41,7 @@ def nees(recording: Recording, sync: Sync, run: Run) -> tuple[Float, Float]:
     estimator = Estimator(run.params, np.float32)
     times, values = [], []
     turn: Float | None = None
-    for leader, follower, arrival in _chunks(run):
+    for leader, follower, arrival in chunks(run):
         result = estimator.run(leader, follower, arrival, covariances=True)
         outputs = result.outputs
         t = clock.true_ns(outputs["t_ticks"].astype(np.float64)) / 1e9 - start_s
@@ -52,7 +52,7 @@ def nees(recording: Recording, sync: Sync, run: Run) -> tuple[Float, Float]:
         P = result.covariances[inside][:, index[:, None], index].astype(np.float64)  # noqa: N806
         velocity, rotation = _truth(lift, t)
         if turn is None:
-            turn = _yaw_between(outputs["q"][0].astype(np.float64), rotation[0])
+            turn = yaw_between(outputs["q"][0].astype(np.float64), rotation[0])
         e = errors(outputs, velocity @ turn.T, turn @ rotation)
         values.append(np.einsum("ni,ni->n", e, np.linalg.solve(P, e[:, :, None])[:, :, 0]))
         times.append(t)
@@ -77,7 +77,7 @@ def _truth(lift: Lift, t: Float) -> tuple[Float, Float]:
     return at_point(motion, Bar().mounts["leader"]).velocity_mps, motion.rotation
 
 
-def _yaw_between(quaternion: Float, rotation: Float) -> Float:
+def yaw_between(quaternion: Float, rotation: Float) -> Float:
     """(3, 3) turn about the vertical from the truth to the estimate: yaw has no reference."""
     d = matrix(quaternion) @ rotation.T
     angle = np.arctan2(d[1, 0] - d[0, 1], d[0, 0] + d[1, 1])
@@ -85,7 +85,7 @@ def _yaw_between(quaternion: Float, rotation: Float) -> Float:
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-def _chunks(run: Run) -> list[tuple[Samples, Samples, NDArray[np.int64]]]:
+def chunks(run: Run) -> list[tuple[Samples, Samples, NDArray[np.int64]]]:
     """The run's samples, so many steps at a time."""
     fed = run.samples
     total = len(fed.leader.t_ticks)

@@ -72,17 +72,53 @@ def judge(recording: Recording, sync: Sync, states: NDArray[Any]) -> Judged | No
     clock = sync.truth.clocks["leader"]
     t = clock.true_ns(states["t_ticks_leader"].astype(np.float64)) / 1e9 - start_s
     inside = (t >= 0.0) & (t <= lift.duration_s)
-    t, states = t[inside], states[inside]
-    bar, motion = Bar(), lift.trajectory(t)
-    ends = [at_point(motion, mount).velocity_mps for mount in bar.mounts.values()]
-    speed = np.max([np.linalg.norm(v, axis=1) for v in ends], axis=0)
+    return against(true_motion(lift, t[inside]), states[inside], rests)
+
+
+@dataclass(frozen=True, eq=False)
+class TrueMotion:
+    """What the bar truly does at n times.
+
+    Attributes:
+        t_s: float64[n], since the lift began.
+        velocity_mps: float64[n, 3] of the bar's centre; ``velocity_leader_mps`` of that sensor.
+        rotation: float64[n, 3, 3], body to world.
+        speed_mps: float64[n], of the faster sensor.
+        phases: concentric phases of the whole lift.
+    """
+
+    t_s: Float
+    velocity_mps: Float
+    velocity_leader_mps: Float
+    rotation: Float
+    speed_mps: Float
+    phases: Sequence[Concentric]
+
+
+def true_motion(lift: Lift, t: Float) -> TrueMotion:
+    """The lift at times from its beginning to its end."""
+    motion = lift.trajectory(t)
+    ends = {role: at_point(motion, mount).velocity_mps for role, mount in Bar().mounts.items()}
+    return TrueMotion(
+        t,
+        motion.velocity_mps,
+        ends["leader"],
+        motion.rotation,
+        np.max([np.linalg.norm(v, axis=1) for v in ends.values()], axis=0),
+        true_repetitions(lift.trajectory),
+    )
+
+
+def against(true: TrueMotion, states: NDArray[Any], rests: bool) -> Judged:
+    """EKF frames, or steps under their names, at the times of ``true``."""
+    t = true.t_s
     zupt = (states["flags"] & int(Flag.ZUPT)) != 0
     velocity_z = states["centre_velocity_mps"][:, 2].astype(np.float64)
     up = np.moveaxis(matrix(states["quaternion"].astype(np.float64).T), -1, 0)[:, 2, :]
-    true_up = motion.rotation[:, 2, :]
+    true_up = true.rotation[:, 2, :]
     apart = np.linalg.norm(np.cross(up, true_up), axis=1)
     pairs, missed, invented = match(
-        true_repetitions(lift.trajectory), concentrics(t, velocity_z) if t.size > 2 else []
+        list(true.phases), concentrics(t, velocity_z) if t.size > 2 else []
     )
     # What began before the estimate did, or ends after it, cannot have been seen.
     missed = [
@@ -91,11 +127,11 @@ def judge(recording: Recording, sync: Sync, states: NDArray[Any]) -> Judged | No
     return Judged(
         t,
         velocity_z,
-        motion.velocity_mps[:, 2],
+        true.velocity_mps[:, 2],
         np.arcsin(np.clip(apart, 0.0, 1.0)),
         np.logical_or.accumulate(zupt),
         zupt,
-        int(np.sum(zupt & (speed > STILL_SPEED_MPS))),
+        int(np.sum(zupt & (true.speed_mps > STILL_SPEED_MPS))),
         pairs,
         missed,
         invented,

@@ -9,7 +9,6 @@ for. Empty cells are gaps.
 from __future__ import annotations
 
 import csv
-import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -19,7 +18,7 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.errors import HilError
+from hil.errors import HilError, printable
 
 Float = NDArray[np.float64]
 Quantity = Literal["position", "velocity"]
@@ -27,6 +26,9 @@ Quantity = Literal["position", "velocity"]
 BYTES_MAX: Final = 1 << 27
 ROWS_MAX: Final = 4_000_000
 LINE_MAX: Final = 4096
+NAME_MAX: Final = 200
+NUMBER_MAX: Final = 1e30
+"""Nothing is measured in more; differences and units stay finite."""
 COLUMNS_MAX: Final = 64
 ROWS_MIN: Final = 20
 
@@ -46,6 +48,10 @@ TRAVEL_M: Final = (0.05, 3.0)
 
 class ReferenceError(HilError):
     """A reference that cannot be read or aligned; the message names file and line."""
+
+    def __init__(self, message: str, mend: str = "") -> None:
+        # Headings and cells are quoted as they came.
+        super().__init__(printable(message), mend)
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,6 +232,8 @@ def _pick(
 
 def _split(name: str) -> tuple[str, str | None]:
     """Word and unit of a heading: 'Height (mm)', 'height [mm]', 'height_mm', 'height mm'."""
+    # Short, and spaces single: the patterns below may try every pair of places in it.
+    name = " ".join(name[:NAME_MAX].split())
     match = re.fullmatch(r"\s*(.+?)\s*[(\[]\s*(.+?)\s*[)\]]\s*", name.lower())
     if match is None:
         units = "|".join((*TIME_UNITS, *POSITION_UNITS, *VELOCITY_UNITS, *SPELT))
@@ -259,7 +267,7 @@ def _numbers(
             gaps += 1
             continue
         for text, value, column in zip(texts, values, wanted, strict=True):
-            if value is None or not math.isfinite(value):
+            if value is None or not abs(value) < NUMBER_MAX:
                 raise ReferenceError(
                     f"{path}, line {line}: {text[:30]!r} in '{column.name[:30]}' is not a number",
                     "correct it, or leave the cell empty for a gap",

@@ -36,6 +36,7 @@ class Comparison:
 
     Attributes:
         t_s: float64[n], on the leader's clock.
+        estimate_mps: float64[n], vertical velocity over the same spans as the reference's.
         error_mps: float64[n], of the vertical velocity; the reference has its sign turned if it
             counts downwards, and nothing else done to it.
         pairs: (reference, estimate) concentric phases of each repetition; ``missed`` are the
@@ -45,6 +46,7 @@ class Comparison:
 
     alignment: Alignment
     t_s: Float
+    estimate_mps: Float
     error_mps: Float
     pairs: Sequence[tuple[Concentric, Concentric]]
     missed: Sequence[Concentric]
@@ -94,7 +96,7 @@ def compare(traces: Sequence[Trace], reference: Reference) -> Comparison:
     least = 0.6 * min((a.travel_m for a, _ in pairs), default=0.0)
     missed = [p for p in missed if p.travel_m >= least]
     suggestions = _suggestions(trace, a, t_in, theirs[inside], error)
-    return Comparison(a, t_in, error, pairs, missed, invented, suggestions)
+    return Comparison(a, t_in, estimate[inside], error, pairs, missed, invented, suggestions)
 
 
 def _phases(t_s: Float, v: Float) -> list[Concentric]:

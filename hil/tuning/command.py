@@ -18,6 +18,13 @@ app = typer.Typer(
 )
 
 
+JobsOption = Annotated[int, typer.Option(min=1, max=64, help="Processes.")]
+DaskOption = Annotated[
+    str | None,
+    typer.Option("--dask", help="Trusted Dask scheduler in their place, e.g. tcp://10.0.0.5:8786."),
+]
+
+
 @app.callback()
 def main() -> None:
     """Choose the estimator's parameters on recordings."""
@@ -57,7 +64,8 @@ def zupt(
     folder: Annotated[
         Path | None, typer.Option("--keep", help="Keep counts here, and use those of before.")
     ] = None,
-    jobs: Annotated[int, typer.Option(min=1, max=64, help="Processes.")] = 2,
+    jobs: JobsOption = 2,
+    dask: DaskOption = None,
 ) -> None:
     """Propose both thresholds of the ZUPT detector: the middle of the widest stable range.
 
@@ -72,7 +80,7 @@ def zupt(
     from hil.tuning import zupt as tuner  # noqa: PLC0415
 
     wanted = grid.around(*tuner.thresholds_of(library.resolve(recordings[0])), cells, factor)
-    found = tuner.tune(recordings, wanted, folder, jobs)
+    found = tuner.tune(recordings, wanted, folder, jobs, dask)
     if output:
         write_whole(output / "zupt.csv", heatmap.as_csv(found).encode("ascii"))
         write_whole(output / "zupt.svg", heatmap.svg(found).encode("utf-8"))
@@ -111,3 +119,74 @@ def _proposal(found: Tuning, sets: int, jobs: int, console: Console) -> bool:
     passed = sum(one.passed for one in tried)
     console.print(f"tried on {len(tried)} sets that it was not chosen on: {passed} passed")
     return passed == len(tried)
+
+
+@app.command()
+def ekf(
+    recordings: Annotated[
+        list[Path] | None, typer.Argument(help="Recording folders or .mcap files.")
+    ] = None,
+    *,
+    hold_out: Annotated[
+        int | None,
+        typer.Option(min=1, max=1000, help="Recordings to judge on (default: a quarter)."),
+    ] = None,
+    held: Annotated[
+        list[Path] | None, typer.Option("--held", help="Judge on this one; may be repeated.")
+    ] = None,
+    sets: Annotated[
+        int, typer.Option(min=0, max=1000, help="Simulated sets to take beside the recordings.")
+    ] = 0,
+    param: Annotated[
+        list[str] | None,
+        typer.Option(help="NAME=LOW:HIGH[:log], may be repeated (default: all noise, 10 x)."),
+    ] = None,
+    trials: Annotated[int, typer.Option(min=1, max=100_000, help="Choices to try.")] = 100,
+    seed: Annotated[int, typer.Option(min=0, max=2**31 - 1, help="Of search and hold-out.")] = 0,
+    output: Annotated[
+        Path | None, typer.Option("-o", "--output", help="Folder for tables (CSV) and ekf.svg.")
+    ] = None,
+    folder: Annotated[
+        Path | None, typer.Option("--keep", help="Keep evaluations here, and go on from them.")
+    ] = None,
+    jobs: JobsOption = 2,
+    dask: DaskOption = None,
+) -> None:
+    """Search the estimator's noise parameters; the proposal is better on what was held out.
+
+    Exit 1 when nothing is proposed. What is made least stands in docs/tuning.md.
+
+    Example: [bold]hil tune ekf my-runs/* --sets 12 --keep build/tune -o build/tune[/bold]
+    """
+    from hil.atomic import write_whole  # noqa: PLC0415 (start-up time of --help)
+    from hil.progress import bar  # noqa: PLC0415
+    from hil.report import terminal  # noqa: PLC0415
+    from hil.tuning import ekf as tuner  # noqa: PLC0415
+    from hil.tuning import ekf_show  # noqa: PLC0415
+    from hil.tuning.parameters import ParameterError  # noqa: PLC0415
+
+    if held and hold_out is not None:
+        raise ParameterError("--hold-out and --held exclude each other", "give one of them")
+    with bar("searching") as progress:
+        found = tuner.tune(
+            tuner.Wish(
+                recordings or (),
+                held or (),
+                hold_out,
+                sets,
+                param or (),
+                trials,
+                seed,
+                folder,
+                jobs,
+                dask,
+            ),
+            progress,
+        )
+    if output:
+        write_whole(output / "ekf.csv", ekf_show.parameters_csv(found).encode("ascii"))
+        write_whole(output / "ekf-recordings.csv", ekf_show.recordings_csv(found).encode())
+        write_whole(output / "ekf.svg", ekf_show.svg(found).encode())
+    ekf_show.render(found, terminal.console())
+    if found.proposal is None:
+        raise typer.Exit(1)

@@ -134,8 +134,7 @@ def changed(base: Params, settings: Sequence[str]) -> Params:
             raise ParameterError(
                 f"{setting[:80]!r} is not NAME=VALUE", "for example: zupt_dwell=60"
             )
-        if name not in PARAMETERS:
-            raise ParameterError(f"no parameter {name[:80]!r}", _nearest(name))
+        known(name)
         if name in values:
             raise ParameterError(f"{name} is given twice", "give each parameter once")
         values[name] = _value(name, text, getattr(base, name))
@@ -146,6 +145,17 @@ def changed(base: Params, settings: Sequence[str]) -> Params:
             "give a lower cutoff_hz",
         )
     return params
+
+
+def known(name: str) -> About:
+    """What is known of a parameter.
+
+    Raises:
+        ParameterError: there is none of that name; near ones are named.
+    """
+    if name not in PARAMETERS:
+        raise ParameterError(f"no parameter {name[:80]!r}", _nearest(name))
+    return PARAMETERS[name]
 
 
 def differences(base: Params, other: Params) -> dict[str, tuple[Any, Any]]:

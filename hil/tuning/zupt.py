@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -13,22 +12,23 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hil import library, timesync
+from hil import library
 from hil.core import TICKS_PER_S
 from hil.errors import RecordingError
-from hil.fusion.inputs import Run, runs
-from hil.fusion.truth import lift_of
+from hil.fusion.inputs import runs
 from hil.motion.bar import Bar, at_point
 from hil.motion.lifts import Lift, seeded_set
 from hil.parity import batch, run_core
-from hil.recording import Recording, load
+from hil.recording import load
 from hil.reference.estimator import Flag
 from hil.reference.params import Params
 from hil.reference.study import STILL_SPEED_MPS, simulate
-from hil.tuning import kept
+from hil.tuning import case, kept
+from hil.tuning.case import Case
 from hil.tuning.grid import Grid, KnownMotion, Table, around, count
 from hil.tuning.plateau import Plateau, plateau
 from hil.tuning.statistics import statistics
+from hil.tuning.workers import locally, workers
 
 SEEN_S: Final = 0.15
 """A rest is held to be detectable when it lasts so much longer than window and dwell together."""
@@ -86,35 +86,62 @@ class Trial:
 
 
 def tune(
-    paths: Sequence[Path], grid: Grid | None = None, folder: Path | None = None, jobs: int = 2
+    paths: Sequence[Path],
+    grid: Grid | None = None,
+    folder: Path | None = None,
+    jobs: int = 2,
+    scheduler: str | None = None,
 ) -> Tuning:
     """Count over recordings and propose.
 
     Args:
         grid: around the first image's thresholds if left out.
         folder: where counts of each recording are kept for the next time; nowhere if left out.
+        scheduler: address of a Dask cluster that counts in place of this machine.
 
     Raises:
         RecordingError: a recording has no batches of the leader's IMU.
         ParameterError: an image has the SHOE detector.
+        RigError: the cluster cannot be had.
     """
     if not paths:
         raise RecordingError("no recording to tune on", "name one or more")
     files = [library.resolve(path) for path in paths]
     params = _params(files[0])
     grid = grid or around(params.zupt_accel_var, params.zupt_gyro_var)
-    one = partial(tables_of, grid=grid, folder=folder)
-    if len(files) > 1 and jobs > 1:
-        with ProcessPoolExecutor(min(jobs, len(files))) as pool:
-            found = list(pool.map(one, files))
-    else:
-        found = [one(file) for file in files]
+    found = _tables(files, grid, folder, jobs, scheduler)
     names = [
         f"{file.parent.name}{f', start {k + 1}' if len(tables) > 1 else ''}"
         for file, tables in zip(files, found, strict=True)
         for k in range(len(tables))
     ]
     return proposed(grid, names, [t for tables in found for t in tables], params)
+
+
+def _tables(
+    files: Sequence[Path], grid: Grid, folder: Path | None, jobs: int, scheduler: str | None
+) -> list[list[Table]]:
+    """Of each file, from ``folder`` where they are kept; one by one they are kept there."""
+    one = partial(tables_of, grid=grid, folder=folder)
+    if scheduler is None:
+        return list(locally(jobs, one, files))
+    inputs = [kept.of_file(file, grid) for file in files]
+    found = [None if folder is None else kept.read_tables(folder, key, grid) for key in inputs]
+    missing = [k for k, tables in enumerate(found) if tables is None]
+    if not missing:
+        return [tables or [] for tables in found]
+    with workers(scheduler=scheduler) as cluster:
+        cluster.share(list(locally(jobs, case.of_recording, [files[k] for k in missing])))
+        tasks = [(n, grid) for n in range(len(missing))]
+        for k, tables in zip(missing, cluster.map(_counted, tasks), strict=True):
+            found[k] = tables
+            if folder is not None:
+                kept.write_tables(folder, inputs[k], tables)
+    return [tables or [] for tables in found]
+
+
+def _counted(cases: Sequence[Case], grid: Grid) -> list[Table]:
+    return [table_of(one, grid) for one in cases]
 
 
 def thresholds_of(file: Path) -> tuple[float, float]:
@@ -126,7 +153,7 @@ def thresholds_of(file: Path) -> tuple[float, float]:
 def _params(file: Path) -> Params:
     found = runs(load(file))
     if not found:
-        raise _nothing(file)
+        raise case.nothing(file)
     return found[0].params
 
 
@@ -138,32 +165,24 @@ def proposed(grid: Grid, names: Sequence[str], tables: Sequence[Table], params: 
 
 def tables_of(file: Path, grid: Grid, folder: Path | None = None) -> list[Table]:
     """Counts of every start in one recording, kept ones where they are of the same inputs."""
-    inputs = kept.digest(file, grid)
+    inputs = kept.of_file(file, grid)
     if folder is not None:
-        before = kept.read(folder, inputs, grid)
+        before = kept.read_tables(folder, inputs, grid)
         if before is not None:
             return before
-    recording = load(file)
-    found = runs(recording)
-    if not found:
-        raise _nothing(file)
-    tables = [table_of(run, grid, recording) for run in found]
+    tables = _counted(case.of_recording(file), grid)
     if folder is not None:
-        kept.write(folder, inputs, tables)
+        kept.write_tables(folder, inputs, tables)
     return tables
 
 
-def table_of(run: Run, grid: Grid, recording: Recording | None = None) -> Table:
-    """Counts of one start; with the truth, where the recording knows it."""
-    s = statistics(run)
-    lift = None if recording is None else lift_of(recording)
+def table_of(one: Case, grid: Grid) -> Table:
+    """Counts of one start; against the truth, where it is known."""
+    s = statistics(one.run)
     known = None
-    if recording is not None and lift is not None:
-        sync = timesync.analyse(recording)
-        if sync.truth:
-            clock = sync.truth.clocks["leader"]
-            t_ns = clock.true_ns(s.outputs["t_ticks"].astype(np.float64))
-            known = known_motion(lift[0], t_ns / 1e9 - lift[1], run.params)
+    if one.known is not None:
+        t_s = one.known.t_s(s.outputs["t_ticks"])
+        known = known_motion(one.known.lift, t_s, one.run.params)
     return count(s, grid, known)
 
 
@@ -211,17 +230,9 @@ def trials(
 ) -> list[Trial]:
     """``sets`` sets of each kind that nothing was chosen on."""
     seeds = [UNSEEN_SEED + k for k in range(sets)]
-    with ProcessPoolExecutor(jobs) as pool:
-        waiting = [
-            pool.submit(trial, seed, thresholds, params, rests)
-            for seed in seeds
-            for rests in (False, True)
-        ]
-        return [one.result() for one in waiting]
+    one = partial(_trial, thresholds=thresholds, params=params)
+    return list(locally(jobs, one, [(seed, rests) for seed in seeds for rests in (False, True)]))
 
 
-def _nothing(file: Path) -> RecordingError:
-    return RecordingError(
-        f"no IMU batch in the leader's stream of {file}: there is nothing to tune on",
-        "record with an image that has the estimator: hil build",
-    )
+def _trial(which: tuple[int, bool], thresholds: tuple[float, float], params: Params) -> Trial:
+    return trial(which[0], thresholds, params, which[1])

@@ -3,9 +3,13 @@
 
 from __future__ import annotations
 
+import csv
+import io
+import json
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -13,8 +17,9 @@ import typer
 from typer.testing import CliRunner
 
 from hil import timesync
+from hil.errors import HilError
 from hil.fusion.truth import lift_of
-from hil.motion.lifts import Lift, bench
+from hil.motion.lifts import Lift, bench, seeded_set
 from hil.motion.plan import Plan
 from hil.motion.repetitions import truth as true_phases
 from hil.parity import batch, run_core
@@ -23,6 +28,7 @@ from hil.reference.params import Params
 from hil.reference.study import simulate
 from hil.reps import Trace, of_outputs, of_recording
 from hil.tools_cli import truth as command
+from hil.truth import files, plot
 from hil.truth.align import align, pieces
 from hil.truth.reference import Reference, ReferenceError
 from hil.truth.score import Comparison, compare
@@ -141,6 +147,33 @@ def test_the_stated_uncertainty_is_that_of_the_errors():
     assert abs(found.offset_s - OFFSET_S) < 4.0 * found.offset_sigma_s < 0.004
 
 
+def skew_bound(lift: Lift, how: Instrument) -> float:
+    """Cramér-Rao bound of the skew for white noise of the velocity, from the trajectory."""
+    t = np.arange(0.0, lift.duration_s - 0.2, 1.0 / how.rate_hz)
+    _, v, a = lift.trajectory.z(t)[:3]
+    H = np.stack([a, a * (t - t.mean()), v, np.ones(t.size)], axis=1)  # noqa: N806
+    return float(how.noise * np.sqrt(np.linalg.inv(H.T @ H)[1, 1]))
+
+
+def test_the_stated_uncertainty_holds_over_seeded_sets_and_is_no_better_than_can_be():
+    errors, near = [], []
+    for seed in range(10):
+        for rests in (False, True):
+            lift = seeded_set(seed, rests)
+            (trace,) = of_outputs(run_core(batch(*simulate(lift, seed)), Params()))
+            for name in ("encoder", "velocity"):
+                found = align(trace, seen(lift, INSTRUMENTS[name]))
+                errors.append((found.skew - SKEW) / found.skew_sigma)
+                if name == "velocity":
+                    bound = skew_bound(lift, INSTRUMENTS[name])
+                    near.append(found.skew_sigma / bound)
+    assert np.mean(np.abs(errors) < 2.0) >= 0.95, np.round(errors, 1)
+    # Not by being vague: errors fill what is stated, and that is near the bound.
+    assert np.sqrt(np.mean(np.square(errors))) > 0.5
+    assert min(near) > 0.9
+    assert np.median(near) < 2.5, np.round(near, 1)
+
+
 @cache
 def short_set() -> tuple[Lift, list[Trace]]:
     lift = bench(31, reps=4, rests=True)
@@ -251,7 +284,10 @@ def test_the_command_on_a_recording_and_the_true_height_of_its_bar(tmp_path):
     file.write_text("\n".join(["time_ms,height_mm", *rows]))
     app = typer.Typer()
     app.command()(command)
-    result = CliRunner().invoke(app, [str(CLEAN), str(file)])
+    outputs = {f"--{kind}": tmp_path / f"truth.{kind}" for kind in ("csv", "json")}
+    outputs["--plot"] = tmp_path / "truth.svg"
+    options = [str(x) for pair in outputs.items() for x in pair]
+    result = CliRunner().invoke(app, [str(CLEAN), str(file), *options])
     assert result.exit_code == 0, result.output
     # The leader's clock at the middle of the lift, from the simulator's own truth.
     mid_s = 0.5 * (t[0] + t[-1])
@@ -261,3 +297,33 @@ def test_the_command_on_a_recording_and_the_true_height_of_its_bar(tmp_path):
     stated_s = float(result.output.split("leader = reference ")[1].split(" s")[0])
     assert stated_s == pytest.approx(leader_s - mid_s, abs=0.004)
     assert "nothing in the errors justifies" in result.output
+    rows = list(csv.DictReader(io.StringIO(outputs["--csv"].read_text())))
+    said = json.loads(outputs["--json"].read_text())
+    assert len(rows) == len(said["repetitions"]) == 8
+    phases = true_phases(lift.trajectory)
+    for row, phase in zip(rows, (p for p in phases if p.travel_m > 0.3), strict=True):
+        assert row["seen_by"] == "both"
+        # The reference's own figures are smoothed over three of its samples.
+        assert float(row["mean_reference_mps"]) == pytest.approx(phase.mean_mps, abs=0.01)
+        error = float(row["mean_mps"]) - float(row["mean_reference_mps"])
+        assert float(row["mean_error_mps"]) == pytest.approx(error, abs=2e-4)
+    assert said["alignment"]["offset_s"] == pytest.approx(stated_s, abs=1e-4)
+    drawing = ElementTree.fromstring(outputs["--plot"].read_text())
+    lines = [e for e in drawing.iter() if str(e.get("class")).startswith("trace")]
+    assert len(lines) == 2 + 1 + 2
+
+
+def test_what_only_one_has_seen_stands_in_the_table_and_a_gap_is_not_drawn_across(tmp_path):
+    found = compared(Instrument("velocity", 100.0, 0.005, gaps_s=((4.0, 6.0),)))
+    (_, ours), *others = found.pairs
+    changed = replace(found, pairs=others, invented=[ours])
+    first, *rest = files.rows(changed)
+    assert first["seen_by"] == "estimate"
+    assert first["mean_reference_mps"] is None
+    assert len(rest) == len(others)
+    page = plot.drawn(tmp_path / "truth.html", "a <set>", changed).decode()
+    assert "a &lt;set&gt;" in page
+    path = page.split('class="trace s0" d="')[1].split('"')[0]
+    assert path.count("M") == 2
+    with pytest.raises(HilError, match=r"\.svg or \.html"):
+        plot.drawn(tmp_path / "truth.bmp", "", found)

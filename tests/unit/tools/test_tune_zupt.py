@@ -261,17 +261,17 @@ def test_counts_are_kept_and_used_for_the_same_inputs_only(tmp_path, monkeypatch
             zupt.tables_of(file, around(4e-4, 1.3e-4, 6), tmp_path)
         with pytest.raises(AssertionError, match="counted again"):
             zupt.tables_of(RECORDINGS / "lossy/recording.mcap", grid, tmp_path)
-    inputs = kept.digest(file, grid)
+    inputs = kept.of_file(file, grid)
     with monkeypatch.context() as patch:
-        patch.setattr(kept, "ESTIMATOR_SHA256", "another")
-        assert kept.digest(file, grid) != inputs
-    assert kept.digest(RECORDINGS / "lossy/recording.mcap", grid) != inputs
+        patch.setattr(kept, "version", lambda: "another")
+        assert kept.of_file(file, grid) != inputs
+    assert kept.of_file(RECORDINGS / "lossy/recording.mcap", grid) != inputs
     whole = one.read_bytes()
     for damaged in (b"", whole[:-20], whole.replace(b'"spans"', b'"spams"'), b"[" * 100_000):
         one.write_bytes(damaged)
-        assert kept.read(tmp_path, inputs, grid) is None
+        assert kept.read_tables(tmp_path, inputs, grid) is None
     one.write_bytes(whole)
-    assert kept.read(tmp_path, inputs, grid) is not None
+    assert kept.read_tables(tmp_path, inputs, grid) is not None
 
 
 def test_the_command_writes_csv_and_svg_and_shows_the_same(tmp_path):
