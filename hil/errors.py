@@ -9,6 +9,16 @@ a failed check of the product and never as a skip.
 from __future__ import annotations
 
 
+def printable(text: str) -> str:
+    """``text`` on one line and without what could steer a terminal: part of it is from a file."""
+    return "".join(c if c.isprintable() else "?" for c in text)
+
+
+def shorten(text: str, most: int = 300) -> str:
+    """``text``, or as much of its beginning as ``most`` characters and an ellipsis hold."""
+    return text if len(text) <= most else f"{text[:most]}…"
+
+
 class HilError(Exception):
     """Root of all errors raised by ``hil``.
 

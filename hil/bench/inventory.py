@@ -16,6 +16,7 @@ from typing import Any, Final, NoReturn
 
 from hil.bench import pins
 from hil.bench.errors import InventoryError
+from hil.errors import printable, shorten
 from hil.wire.messages import ROLES
 
 FORMAT: Final = 1
@@ -151,9 +152,15 @@ def parse(text: str, path: Path) -> Inventory:
     """
     try:
         data = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+    except RecursionError:
         raise InventoryError(
-            f"{path} is not TOML: {error}", "compare with boards/bench.example.toml"
+            f"{path} is not TOML that can be read: nested too deep",
+            "compare with boards/bench.example.toml",
+        ) from None
+    except ValueError as error:
+        # ValueError: also of numbers with thousands of digits.
+        raise InventoryError(
+            printable(f"{path} is not TOML: {error}"), "compare with boards/bench.example.toml"
         ) from error
     return _Reader(text, path).inventory(data)
 
@@ -204,6 +211,8 @@ class _Reader:
         probe = data["probe"]
         if isinstance(probe, bool) or not isinstance(probe, int | str):
             self.fail(where, "probe", "a serial number is needed", 'for instance probe = "683..."')
+        if isinstance(probe, int) and not 0 <= probe < 10**64:
+            self.fail(where, "probe", "no probe has such a number", "it is on the DK's sticker")
         if not _SERIAL.fullmatch(str(probe)):
             self.fail(
                 where,
@@ -396,7 +405,8 @@ class _Reader:
         name = ".".join(part for part in (where, key) if part)
         number = self.line_of(where, key, text)
         at = f"{self.path}:{number}" if number else str(self.path)
-        raise InventoryError(f"{at}: {name}: {what}" if name else f"{at}: {what}", mend)
+        said = ": ".join(shorten(part) for part in (name, what) if part)
+        raise InventoryError(printable(f"{at}: {said}"), mend)
 
     def line_of(self, where: str, key: str, text: str) -> int:
         """Number of the line that ``key`` of table ``where`` stands on, or of the table's head.

@@ -16,9 +16,9 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 from numpy.typing import NDArray
 
-from hil.errors import RecordingError
+from hil.errors import RecordingError, printable
 from hil.recording import container, imu_truth_block, json_messages, layout
-from hil.recording.container import BAD_RECORD, Problems, Tail, printable
+from hil.recording.container import BAD_RECORD, Problems, Tail
 from hil.recording.model import (
     Edges,
     Event,

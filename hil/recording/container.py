@@ -22,7 +22,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, McapRecord, Schema, Statistics
 from mcap.writer import MCAP0_MAGIC
 
-from hil.errors import RecordingError
+from hil.errors import RecordingError, printable
 from hil.recording.layout import MAX_CHUNK_BYTES, MAX_DESCRIPTION_BYTES
 
 MAGIC: Final = MCAP0_MAGIC
@@ -40,11 +40,6 @@ _WINDOW: Final = 1 << 20
 _FIRST_WINDOW: Final = 1 << 12
 _MAX_SUMMARY_BYTES: Final = 16 << 20
 _MAX_PROBLEMS: Final = 100
-
-
-def printable(text: str) -> str:
-    """``text`` without what could steer a terminal: part of it may come from the file."""
-    return "".join(c if c.isprintable() else "?" for c in text)
 
 
 class Problems:

@@ -7,7 +7,6 @@ The library (``logic2-automation``) is an extra; it is loaded only when an analy
 from __future__ import annotations
 
 import importlib
-import tempfile
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -20,6 +19,7 @@ from hil.bench.analyser.capture import CaptureEdges, Start
 from hil.bench.analyser.edges import renamed
 from hil.bench.analyser.saleae_csv import read_saleae_csv
 from hil.errors import RigError
+from hil.process import scratch
 
 MODULE = "saleae.automation"
 PORT = 10430
@@ -125,15 +125,15 @@ class SaleaeAnalyser:
         if self._capture is None:
             raise RigError("the Saleae analyser is not capturing", "start it first")
         try:
-            with tempfile.TemporaryDirectory() as folder:
+            with scratch("saleae") as folder:
                 with _asking("to end and export the capture"):
                     self._capture.stop()
                     if self._archive is not None:
                         self._capture.save_capture(filepath=str(self._archive.absolute()))
                     self._capture.export_raw_data_csv(
-                        directory=folder, digital_channels=list(self._wires.values())
+                        directory=str(folder), digital_channels=list(self._wires.values())
                     )
-                table = Path(folder, "digital.csv")
+                table = folder / "digital.csv"
                 edges = read_saleae_csv(table, samplerate_hz=self.samplerate_hz)
         finally:
             self._close_capture()

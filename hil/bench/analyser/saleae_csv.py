@@ -14,7 +14,7 @@ from pathlib import Path
 from hil.bench.analyser.capture import CaptureEdges
 from hil.bench.analyser.edges import TimedChanges
 from hil.bench.analyser.lines import numbered
-from hil.errors import RecordingError
+from hil.errors import RecordingError, printable
 
 LINE_BYTES_MAX = 1 << 12
 PS_PER_S = 10**12
@@ -68,4 +68,4 @@ def _picoseconds(path: Path, line: int, text: str) -> int:
 
 
 def _bad(path: Path, line: int, what: str) -> RecordingError:
-    return RecordingError(f"{path}: line {line}: {what}", "export it anew from Logic 2")
+    return RecordingError(printable(f"{path}: line {line}: {what}"), "export it anew from Logic 2")

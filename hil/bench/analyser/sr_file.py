@@ -13,6 +13,7 @@ to the length. The INI is read by hand: sigrok's own reader (GLib) takes indente
 from __future__ import annotations
 
 import re
+import struct
 import zipfile
 import zlib
 from collections.abc import Iterator, Mapping
@@ -23,7 +24,7 @@ from types import TracebackType
 from typing import Self
 
 from hil.bench.analyser.capture import UNITSIZE_MAX, Capture
-from hil.errors import RecordingError
+from hil.errors import RecordingError, printable
 
 METADATA_BYTES_MAX = 1 << 16
 SAMPLE_BYTES_MAX = 1 << 36
@@ -34,8 +35,13 @@ WRITE_PIECE_BYTES = 4 << 20
 
 DEVICE = "device 1"
 UNITS = {"": 1, "k": 10**3, "m": 10**6, "g": 10**9}
-BROKEN = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, OSError)
-"""What :mod:`zipfile` raises on damaged, encrypted or oddly compressed members."""
+BROKEN = (
+    *(zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, OSError),
+    *(ValueError, OverflowError, struct.error),
+)
+"""What :mod:`zipfile` raises on damaged or encrypted members, and on names that are no UTF-8."""
+COMPRESSIONS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)
+"""sigrok writes no others, and they may ask for gigabytes before the first byte comes out."""
 
 
 def open_sr(path: Path, *, samplerate_hz: float | None = None) -> Capture:
@@ -53,6 +59,8 @@ def open_sr(path: Path, *, samplerate_hz: float | None = None) -> Capture:
             members = archive.infolist()
             if len(members) > MEMBERS_MAX:
                 raise _bad(path, f"has {len(members)} members")
+            if any(member.compress_type not in COMPRESSIONS for member in members):
+                raise _bad(path, "has a member that is not deflated, as sigrok writes them")
             sizes = {member.filename: member.file_size for member in members}
             if len(sizes) != len(members):
                 raise _bad(path, "has two members of one name")
@@ -70,7 +78,12 @@ def open_sr(path: Path, *, samplerate_hz: float | None = None) -> Capture:
     if total % unitsize:
         raise _bad(path, f"holds {total} bytes, no whole number of samples of {unitsize}")
     rate_hz = samplerate_hz if samplerate_hz is not None else _rate_hz(path, keys)
-    return Capture(rate_hz, _channels(path, keys, unitsize), unitsize, lambda: _pieces(path, names))
+    channels = _channels(path, keys, unitsize)
+    lengths = {name: sizes[name] for name in names}
+    try:
+        return Capture(rate_hz, channels, unitsize, lambda: _pieces(path, lengths))
+    except RecordingError as error:
+        raise RecordingError(f"{path}: {error.message}", error.mend) from None
 
 
 def write_sr(path: Path, capture: Capture) -> None:
@@ -240,18 +253,25 @@ def _rate_hz(path: Path, keys: Mapping[str, str]) -> float:
     return rate_hz
 
 
-def _pieces(path: Path, names: list[str]) -> Iterator[bytes]:
+def _pieces(path: Path, lengths: Mapping[str, int]) -> Iterator[bytes]:
+    name = ""
     try:
         with zipfile.ZipFile(path) as archive:
-            for name in names:
+            for name, length in lengths.items():
+                left = length
                 with archive.open(name) as file:
                     while piece := file.read(PIECE_BYTES):
+                        left -= len(piece)
                         yield piece
+                if left:
+                    # zipfile takes a member that ends early for whole.
+                    raise EOFError(f"{left} of {length} bytes are missing")
     except BROKEN as error:
         raise _bad(path, f"is damaged within '{name}' ({error})") from error
 
 
 def _bad(path: Path, what: str) -> RecordingError:
     return RecordingError(
-        f"{path}: as a sigrok session file it {what}", "open it with sigrok-cli -i to compare"
+        printable(f"{path}: as a sigrok session file it {what}"),
+        "open it with sigrok-cli -i to compare",
     )

@@ -14,10 +14,13 @@ from pathlib import Path
 from hil.bench.analyser.capture import CaptureEdges
 from hil.bench.analyser.edges import TimedChanges
 from hil.bench.analyser.lines import numbered
-from hil.errors import RecordingError
+from hil.errors import RecordingError, printable
 
 LINE_BYTES_MAX = 1 << 16
 VARIABLES_MAX = 4096
+SCOPES_MAX = 64
+NAME_MAX = 256
+"""Names are joined with those of all scopes around them: together these bound what that takes."""
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "ps": 1e-12, "fs": 1e-15}
 
 Token = tuple[int, str]
@@ -94,6 +97,9 @@ def _header(path: Path, tokens: Iterator[Token]) -> tuple[float, dict[str, str]]
             tick_s = _timescale(path, line, "".join(body))
         elif word == "$scope":
             scope.append(body[-1] if body else "")
+            if len(scope) > SCOPES_MAX or len(scope[-1]) > NAME_MAX:
+                what = f"more than {SCOPES_MAX} nested scopes, or a name of over {NAME_MAX} bytes"
+                raise _bad(path, line, what)
         elif word == "$upscope":
             del scope[-1:]
         elif word == "$var":
@@ -116,9 +122,11 @@ def _declare(
 ) -> None:
     if len(body) < 4:
         raise _bad(path, line, "a $var without type, size, code and name")
-    if len(named) >= VARIABLES_MAX or len(scope) >= VARIABLES_MAX:
-        raise _bad(path, line, f"more than {VARIABLES_MAX} variables or nested scopes")
+    if len(named) >= VARIABLES_MAX:
+        raise _bad(path, line, f"more than {VARIABLES_MAX} variables")
     _, size, code, name = body[:4]
+    if len(name) > NAME_MAX:
+        raise _bad(path, line, f"a name of over {NAME_MAX} bytes")
     if size == "1":
         named.setdefault(code, [*scope, name])
 
@@ -155,4 +163,6 @@ def _integer(path: Path, line: int, text: str) -> int:
 
 
 def _bad(path: Path, line: int, what: str) -> RecordingError:
-    return RecordingError(f"{path}: line {line}: {what}", "export it anew as a value change dump")
+    return RecordingError(
+        printable(f"{path}: line {line}: {what}"), "export it anew as a value change dump"
+    )
