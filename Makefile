@@ -9,42 +9,58 @@ PYTHON ?= python3
 # Recordings that other people made, for the tests that try estimators and decoders on them.
 export HIL_DATA ?= $(wildcard ../shared/data)
 
-.PHONY: help report test lint unit replay sim clean
+.PHONY: help report test lint lock unit fuzz replay sim clean
 
 help:
 	@echo "make report   set up, judge the recordings, write build/report/index.html"
 	@echo "make test     set up, run every check; with a Zephyr workspace also build and run the firmware"
 	@echo "make lint     ruff, mypy, generated files"
+	@echo "make lock     renew ci/requirements.lock: the versions and hashes of the Python packages"
+	@echo "make fuzz     every fuzz target for a minute; ci/fuzz 600 for ten"
 	@echo "make sim      build the firmware and run the suite live on the simulated radio"
 	@echo "make clean    remove what the build made"
 
 CORE := $(wildcard hil/core/CMakeLists.txt hil/core/*.?pp firmware/lib/estimator/*.?pp \
   firmware/lib/calib/*.?pp)
 
-$(VENV)/ready: pyproject.toml ci/debian-packages ci/packages.txt $(CORE)
+PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
+
+# Every package is one of the lock, byte for byte; hil itself is built with those too.
+$(VENV)/ready: pyproject.toml ci/requirements.lock ci/debian-packages ci/packages.txt $(CORE)
 	bash ci/debian-packages base
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[build,dev]'
+	$(PIP) install --require-hashes --requirement ci/requirements.lock
+	$(PIP) install --no-deps --no-build-isolation --editable .
 	touch $@
 
-report: $(VENV)/ready
-	$(BIN)/hil report fixtures/recordings/* --output build/report
+lock: $(VENV)/ready
+	ci/lock
 
-test: lint unit replay sim
+report: $(VENV)/ready
+	$(BIN)/hil report fixtures/recordings/* --output build/report --league fixtures/league.json
+
+test: lint unit fuzz replay sim
 
 lint: $(VENV)/ready
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+	ci/lock --check
 	$(BIN)/python -m hil.wire.cgen --check
 	$(BIN)/python -m hil.report.format_page --check
 
 unit: $(VENV)/ready
 	bash ci/debian-packages test
-	$(BIN)/pytest tests/unit -n 2 --dist loadfile
+	$(BIN)/pytest tests/unit -m "not alone" -n 2 --dist loadfile --no-loadscope-reorder
+	$(BIN)/pytest tests/unit -m alone
+
+fuzz: $(VENV)/ready
+	bash ci/debian-packages test
+	ci/fuzz
 
 replay: $(VENV)/ready
 	$(BIN)/python -m hil.expected --check
+	$(BIN)/python -m hil.compare.page --check
 	$(BIN)/pytest tests/hil --hil-report build/replay
 
 sim: $(VENV)/ready

@@ -6,7 +6,7 @@ from __future__ import annotations
 import enum
 import sys
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -15,11 +15,17 @@ import typer
 from hil import tools_cli
 from hil.bench import BENCH_FILE
 from hil.bench import cli as bench_cli
+from hil.compare import cli as compare_cli
+from hil.exchange import cli as exchange_cli
 from hil.history import cli as history_cli
+from hil.live import cli as live_cli
+from hil.log import command as log_cli
+from hil.plot import cli as plot_cli
+from hil.progress import bar as _progress
+from hil.stringpot import command as stringpot_cli
 from hil.tuning import command as tuning_cli
 
 if TYPE_CHECKING:
-    from hil.backends import Progress
     from hil.build import BabbleSim, Manifest
     from hil.recording import Recording
     from hil.report import Document
@@ -185,6 +191,10 @@ def report(
             envvar="GITHUB_STEP_SUMMARY", help="Append a Markdown summary of the job to this file."
         ),
     ] = None,
+    league: Annotated[
+        Path | None,
+        typer.Option(help="Show this league of other trackers too: league.json of hil compare."),
+    ] = None,
     history: HistoryOption = None,
 ) -> None:
     """Write report.json, junit.xml, badge.json and one self-contained index.html.
@@ -208,6 +218,11 @@ def report(
         _compare(recordings, output)
         return
     document = _judged(recordings)
+    if league is not None:
+        from hil.compare import show  # noqa: PLC0415
+
+        rows, _ = show.read_json(league)
+        document["league"] = show.as_tables(rows)
     views.write(document, output)
     views.terminal.render(document, views.terminal.console())
     typer.echo(f"report: {output / 'index.html'}")
@@ -432,48 +447,27 @@ def _judge_and_show(
     )
 
 
-@contextmanager
-def _progress(title: str) -> Iterator[Progress]:
-    """A progress bar on a terminal, a line per step elsewhere nothing but the result."""
-    from rich.console import Console  # noqa: PLC0415
-    from rich.progress import (  # noqa: PLC0415
-        BarColumn,
-        Progress,
-        TextColumn,
-        TimeElapsedColumn,
-    )
-
-    console = Console(stderr=True)
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.percentage:>3.0f}%"),
-        TimeElapsedColumn(),
-        TextColumn("{task.fields[what]}", style="dim"),
-    )
-    with Progress(
-        *columns, console=console, transient=True, disable=not console.is_terminal
-    ) as bar:
-        task = bar.add_task(title, total=1.0, what="")
-
-        def update(share: float, what: str) -> None:
-            bar.update(task, completed=share, what=what)
-
-        yield update
-
-
 app.add_typer(bench_cli.app)
 app.add_typer(history_cli.app)
 app.add_typer(tuning_cli.app)
+app.add_typer(stringpot_cli.app)
+app.command()(log_cli.log)
+app.command()(compare_cli.compare)
 app.command()(tools_cli.reps)
 app.command()(tools_cli.truth)
+app.command()(exchange_cli.export)
+app.command("import")(exchange_cli.import_)
+app.command()(plot_cli.plot)
+app.command()(live_cli.live)
 app.command()(bench_cli.doctor)
 
 
 def main() -> None:
     """Entry point: errors raised on purpose become one clear message and exit code 2."""
     from hil.errors import HilError  # noqa: PLC0415
+    from hil.process.ending import end_in_order  # noqa: PLC0415
 
+    end_in_order()
     try:
         app()
     except HilError as error:

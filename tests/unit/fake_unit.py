@@ -214,23 +214,30 @@ class FakeUnit:
         self._say("cal_status", status | dict(self._changed))
 
     def _stream(self) -> None:
-        while (self._sample + BATCH) / RATE_HZ <= self._uptime_s():
-            first_s = self._sample / RATE_HZ
-            t = self._boot_s + first_s + np.arange(BATCH) / RATE_HZ
-            rate = np.zeros((BATCH, 3))
-            moved = t < self._moving_until_s
-            for knock_s in self._knocks_s:
-                moved |= (t >= knock_s) & (t < knock_s + 0.05)
-            rate[moved] = self._rng.normal(0.0, 0.5, (int(moved.sum()), 3))
-            got = measure(
-                np.tile(G_MPS2 * self.up, (BATCH, 1)),
-                rate,
-                t,
-                config=ImuConfig(RATE_HZ),
-                errors=self.errors,
-                rng=self._rng,
+        whole = int(self._uptime_s() * RATE_HZ - self._sample) // BATCH
+        if whole <= 0:
+            return
+        first_s = (self._sample + np.arange(whole * BATCH)) / RATE_HZ
+        t = self._boot_s + first_s
+        rate = np.zeros((len(t), 3))
+        moved = t < self._moving_until_s
+        for knock_s in self._knocks_s:
+            moved |= (t >= knock_s) & (t < knock_s + 0.05)
+        rate[moved] = self._rng.normal(0.0, 0.5, (int(moved.sum()), 3))
+        got = measure(
+            np.tile(G_MPS2 * self.up, (len(t), 1)),
+            rate,
+            t,
+            config=ImuConfig(RATE_HZ),
+            errors=self.errors,
+            rng=self._rng,
+        )
+        for at in range(0, len(t), BATCH):
+            rows = slice(at, at + BATCH)
+            self._say(
+                "imu_batch",
+                self.batch(got.gyro_lsb[rows], got.accel_lsb[rows], float(first_s[at])),
             )
-            self._say("imu_batch", self.batch(got.gyro_lsb, got.accel_lsb, first_s))
             self._sample += BATCH
 
     def batch(self, gyro_lsb: Any, accel_lsb: Any, first_s: float = 0.0) -> Values:
@@ -245,8 +252,8 @@ class FakeUnit:
             "t_sigma_ticks": 256,
             "temperature_cdegc": 2650,
             "samples": [
-                {"gyro_lsb": g.tolist(), "accel_lsb": a.tolist()}
-                for g, a in zip(gyro_lsb, accel_lsb, strict=True)
+                {"gyro_lsb": g, "accel_lsb": a}
+                for g, a in zip(gyro_lsb.tolist(), accel_lsb.tolist(), strict=True)
             ],
         }
 

@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The firmware's plain C parts as shared libraries of the host, for the tests to call."""
+"""The firmware's plain C parts as shared libraries of the host, for the tests to call.
+
+Where there is ccache, the slow compilers go through it: what was compiled before, from the same
+text with the same options, is not compiled again.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +18,12 @@ STRICT = ("-Wall", "-Wextra", "-Wconversion", "-Werror")
 USUAL = ("-Wall", "-Wextra", "-O2")
 
 
+def cached(compiler: str) -> tuple[str, ...]:
+    """The compiler as the beginning of a command."""
+    found = shutil.which("ccache")
+    return (found, compiler) if found else (compiler,)
+
+
 def shared_library(
     output: Path,
     sources: Iterable[Path],
@@ -25,7 +35,7 @@ def shared_library(
     assert compiler, "no C compiler found: install gcc or clang"
     subprocess.run(
         [
-            *(compiler, "-std=c11", *options, "-shared", "-fPIC"),
+            *(*cached(compiler), "-std=c11", *options, "-shared", "-fPIC"),
             *(f"-I{folder}" for folder in include),
             *map(str, sources),
             *("-lm", "-o", str(output)),

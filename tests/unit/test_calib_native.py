@@ -13,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from hil.core import ESTIMATOR_SHA256
+from tests.unit.native import cached
 
 ROOT = Path(__file__).resolve().parents[2]
 CALIB = ROOT / "firmware" / "lib" / "calib"
@@ -30,21 +31,9 @@ ALLOCATORS = {
 def compiled(compiler: str, target: tuple[str, ...], source: Path, folder: Path) -> Path:
     eigen = distribution("cmeel-eigen").locate_file("cmeel.prefix/include/eigen3")
     output = folder / f"{source.stem}.o"
+    include = ("-isystem", str(eigen), "-I", CALIB)
     subprocess.run(
-        [
-            compiler,
-            *target,
-            *FLAGS,
-            "-isystem",
-            str(eigen),
-            "-I",
-            CALIB,
-            "-c",
-            source,
-            "-o",
-            output,
-        ],
-        check=True,
+        [*cached(compiler), *target, *FLAGS, *include, "-c", source, "-o", output], check=True
     )
     return output
 

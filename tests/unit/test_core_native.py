@@ -18,6 +18,7 @@ import numpy as np
 import pytest
 
 from hil.reference import attitude
+from tests.unit.native import cached
 
 ROOT = Path(__file__).resolve().parents[2]
 ESTIMATOR = ROOT / "firmware" / "lib" / "estimator"
@@ -44,7 +45,12 @@ def compiled(source: Path) -> Path:
     eigen = distribution("cmeel-eigen").locate_file("cmeel.prefix/include/eigen3")
     target = source.with_suffix(".o")
     include = ("-isystem", str(eigen), "-I", str(ESTIMATOR), "-I", str(SHIM.parent))
-    subprocess.run([compiler(), *FLAGS, *include, "-c", source, "-o", target], check=True)
+    # By its name alone: the folder is another one each time, and would be part of the text.
+    subprocess.run(
+        [*cached(compiler()), *FLAGS, *include, "-c", source.name, "-o", target.name],
+        cwd=source.parent,
+        check=True,
+    )
     return target
 
 

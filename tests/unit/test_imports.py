@@ -28,8 +28,20 @@ FORBIDDEN: list[tuple[str, tuple[str, ...]]] = [
     ("hil.bench", ("hil.backends", "hil.report", "hil.measure")),
     *(
         (f"hil.{name}", ("hil.backends", "hil.bench", "pytest", "serial"))
-        for name in ("history", "reps", "tuning", "truth")
+        for name in ("compare", "exchange", "history", "plot", "reps", "tuning", "truth")
     ),
+    *(
+        (f"hil.live.{name}", ("hil.backends", "hil.bench", "serial", "websockets", "asyncio"))
+        for name in ("page", "health", "trail", "repetitions", "words", "access")
+    ),
+    *(
+        (name, ("hil.backends", "hil.bench", "pytest", "serial"))
+        for name in (
+            *("hil.log.text", "hil.log.tables"),
+            *(f"hil.stringpot.{part}" for part in ("samples", "calibration", "motion")),
+        )
+    ),
+    *((f"hil.{name}", ("hil.backends", "hil.report", "pytest")) for name in ("log", "stringpot")),
     *(
         (
             f"hil.backends.{name}",
@@ -124,7 +136,8 @@ def test_the_reader_sees_every_form_of_import(text: str, module: str, expected: 
 
 
 @pytest.mark.parametrize(
-    "folder", ["lib/wire", "lib/estimator", "lib/timesync", "lib/calib", "drivers/lsm6dsox"]
+    "folder",
+    ["lib/wire", "lib/estimator", "lib/timesync", "lib/calib", "lib/reps", "drivers/lsm6dsox"],
 )
 def test_pure_firmware_libraries_know_no_zephyr(folder: str) -> None:
     """The parts that also run on the host; ``*_ppi``, ``*_nvs`` and the bus half are the others."""
