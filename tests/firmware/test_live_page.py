@@ -25,6 +25,7 @@ ROOT = Path(__file__).parents[2]
 DURATION_S = 15.5
 
 
+@pytest.mark.alone
 @pytest.mark.usefixtures("has_browser")
 def test_the_page_follows_a_running_simulation(
     images: Mapping[str, Manifest], tmp_path: Path
