@@ -9,18 +9,19 @@ PYTHON ?= python3
 # Recordings that other people made, for the tests that try estimators and decoders on them.
 export HIL_DATA ?= $(wildcard ../shared/data)
 
-.PHONY: help report test lint lock unit fuzz replay sim clean
+.PHONY: help report test lint lock unit fuzz replay sim bench clean
 
 help:
 	@echo "make report   set up, judge the recordings, write build/report/index.html"
 	@echo "make test     set up, run every check; with a Zephyr workspace also build and run the firmware"
-	@echo "make lint     ruff, mypy, generated files"
+	@echo "make lint     ruff, mypy, cppcheck, generated files"
 	@echo "make lock     renew ci/requirements.lock: the versions and hashes of the Python packages"
 	@echo "make fuzz     every fuzz target for a minute; ci/fuzz 600 for ten"
 	@echo "make sim      build the firmware and run the suite live on the simulated radio"
+	@echo "make bench    how fast it is, beside what a user would take instead: docs/performance.md"
 	@echo "make clean    remove what the build made"
 
-CORE := $(wildcard hil/core/CMakeLists.txt hil/core/*.?pp firmware/lib/estimator/*.?pp \
+CORE := $(wildcard hil/core/CMakeLists.txt hil/core/*.?pp hil/wire/native/*.?pp firmware/lib/estimator/*.?pp \
   firmware/lib/calib/*.?pp)
 
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
@@ -46,8 +47,13 @@ lint: $(VENV)/ready
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	ci/lock --check
+	$(BIN)/python -m hil.sbom.page --check
 	$(BIN)/python -m hil.wire.cgen --check
 	$(BIN)/python -m hil.report.format_page --check
+	bash ci/debian-packages test
+	nice cppcheck --quiet --enable=warning,portability --std=c11 --error-exitcode=1 \
+	  --suppressions-list=ci/cppcheck.txt -Ifirmware/lib/wire -ifirmware/tests \
+	  firmware/apps firmware/lib firmware/drivers firmware/sim hil/core
 
 unit: $(VENV)/ready
 	bash ci/debian-packages test
@@ -65,6 +71,10 @@ replay: $(VENV)/ready
 
 sim: $(VENV)/ready
 	bash ci/sim
+
+# The machine should have nothing else to do. -m: benchmarks/ is not part of the package.
+bench: $(VENV)/ready
+	$(BIN)/python -m benchmarks
 
 clean:
 	rm -rf build

@@ -10,7 +10,6 @@ from __future__ import annotations
 import argparse
 import sys
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -21,6 +20,7 @@ from hil.core import Estimator
 from hil.motion.lifts import Lift, seeded_set
 from hil.motion.repetitions import Concentric
 from hil.parity import batch
+from hil.process.pool import pool
 from hil.reference.estimator import Flag, Output
 from hil.reference.params import Params
 from hil.reference.study import Link, Run, score, simulate, summarise
@@ -157,11 +157,11 @@ def study(
     seeds: range, *, two: bool = True, dtype: Any = np.float64, jobs: int | None = None
 ) -> list[Score]:
     """Scores of both kinds of set for each of ``seeds``."""
-    with ProcessPoolExecutor(jobs) as pool:
+    with pool(jobs) as workers:
         return [
             one
             for rests in (False, True)
-            for one in pool.map(
+            for one in workers.map(
                 partial(score_seed, rests=rests, two=two, dtype=dtype), seeds, chunksize=4
             )
         ]

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from hil import fusion, imu, link, timesync
+from hil import fusion, imported, imu, link, timesync
 from hil.calibration import measures as calibration
 from hil.calibration import series as calibration_series
 from hil.measure import Measurement
@@ -27,18 +27,7 @@ def evaluate(recording: Recording) -> list[Measurement]:
 
 def evaluate_suites(recording: Recording) -> dict[str, list[Measurement]]:
     """Suite -> its measurements; what the suites share is computed once."""
-    sync = timesync.analyse(recording)
-    return {
-        "sync": timesync.measure(recording, sync),
-        "link": link.measure(recording, sync.conditions),
-        "imu": imu.measure(recording, sync),
-        "fifo": imu.measure_fifo(recording, sync),
-        "cal": calibration.measure(recording, sync.conditions),
-        "ekf": [
-            *(found := fusion.measure(recording, sync)),
-            *(reps.measure(recording, sync.conditions) if found else []),
-        ],
-    }
+    return {name: suite(recording, name) for name in SUITES}
 
 
 def series(recording: Recording) -> list[Series]:
@@ -60,7 +49,26 @@ def suite(recording: Recording, name: str) -> list[Measurement]:
     """
     if name not in SUITES:
         raise ValueError(f"no suite '{name}'; suites: {', '.join(SUITES)}")
-    return evaluate_suites(recording)[name]
+    found = _suite(recording, name)
+    return imported.applicable(found, recording) if imported.is_bare(recording) else found
+
+
+def _suite(recording: Recording, name: str) -> list[Measurement]:
+    sync = timesync.analyse(recording)
+    match name:
+        case "sync":
+            return timesync.measure(recording, sync)
+        case "link":
+            return link.measure(recording, sync.conditions)
+        case "imu":
+            return imu.measure(recording, sync)
+        case "fifo":
+            return imu.measure_fifo(recording, sync)
+        case "cal":
+            return calibration.measure(recording, sync.conditions)
+        case _:
+            found = fusion.measure(recording, sync)
+            return [*found, *(reps.measure(recording, sync.conditions) if found else [])]
 
 
 def suite_of(measurement: Measurement) -> str:

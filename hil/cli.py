@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import enum
+import errno
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack
@@ -19,14 +20,17 @@ from hil.compare import cli as compare_cli
 from hil.exchange import cli as exchange_cli
 from hil.history import cli as history_cli
 from hil.live import cli as live_cli
-from hil.log import command as log_cli
+from hil.log import cli as log_cli
 from hil.plot import cli as plot_cli
 from hil.progress import bar as _progress
-from hil.stringpot import command as stringpot_cli
-from hil.tuning import command as tuning_cli
+from hil.sbom import cli as sbom_cli
+from hil.soak import cli as soak_cli
+from hil.stringpot import cli as stringpot_cli
+from hil.tuning import cli as tuning_cli
 
 if TYPE_CHECKING:
     from hil.build import BabbleSim, Manifest
+    from hil.errors import HilError
     from hil.recording import Recording
     from hil.report import Document
 
@@ -63,6 +67,15 @@ WorkspaceOption = Annotated[
         "--workspace",
         help="Zephyr workspace (default: ZEPHYR_BASE, the enclosing west workspace, "
         "~/zephyrproject).",
+    ),
+]
+
+InjectOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--inject",
+        metavar="KIND[:STREAM][=VALUE][@FROM..TO]",
+        help="Make a fault, to see the checks catch it: docs/faults.md; may be repeated.",
     ),
 ]
 
@@ -121,6 +134,7 @@ def record(
     lock_wait: Annotated[
         float, typer.Option(min=0.0, help="On the bench: wait so long for another run's end, s.")
     ] = 0.0,
+    inject: InjectOption = None,
     history: HistoryOption = None,
 ) -> None:
     """Run a scenario live and keep everything it produced as a recording.
@@ -128,15 +142,24 @@ def record(
     Exit code 1 when a check failed, 10 when the rig did.
 
     Example: [bold]hil record fixtures/scenarios/clean-7ms5.toml -o my-run[/bold]
+
+    Example: [bold]hil record --inject drop:follower=1e-4@5..20 SCENARIO -o my-run[/bold]
     """
     from hil import library, run  # noqa: PLC0415
     from hil.errors import RigError  # noqa: PLC0415
+    from hil.faults import parse_all, refuse_unless_possible  # noqa: PLC0415
 
+    injected = parse_all(inject or ())
+    refuse_unless_possible(injected, board.value)
     path = library.target(output.parent, output.name)
     try:
         with _progress(f"recording {scenario.stem}") as progress:
             bench = run.BenchOptions(images=images, lock_wait_s=lock_wait)
-            recording = run.live(board.value, scenario, workspace, path, progress, bench=bench)
+            recording = run.live(
+                *(board.value, scenario, workspace, path, progress),
+                bench=bench,
+                inject=injected,
+            )
     except BaseException as error:
         if not path.exists():
             path.parent.rmdir()
@@ -156,6 +179,7 @@ def replay(
         list[str] | None,
         typer.Option("--param", help="Instead: the estimator with NAME=VALUE; may be repeated."),
     ] = None,
+    inject: InjectOption = None,
 ) -> None:
     """Judge recordings and print every measurement.
 
@@ -166,11 +190,18 @@ def replay(
     Example: [bold]hil replay fixtures/recordings/clean-7ms5[/bold]
 
     Example: [bold]hil replay --param zupt_dwell=60 fixtures/recordings/clean-7ms5[/bold]
+
+    Example: [bold]hil replay --inject drop=1e-4 fixtures/recordings/clean-7ms5[/bold]
     """
+    from hil.faults import apply, parse_all  # noqa: PLC0415
+
+    injected = parse_all(inject or ())
+    if param and injected:
+        raise typer.BadParameter("--param and --inject do not go together")
     if param:
         tuning_cli.replay_with(recordings, param)
         return
-    _judge_and_show([(path, recording) for path, recording in _load(recordings)])
+    _judge_and_show([(path, apply.inject(one, injected)) for path, one in _load(recordings)])
 
 
 @app.command()
@@ -459,7 +490,23 @@ app.command()(exchange_cli.export)
 app.command("import")(exchange_cli.import_)
 app.command()(plot_cli.plot)
 app.command()(live_cli.live)
+app.command()(sbom_cli.sbom)
+app.command()(soak_cli.soak)
 app.command()(bench_cli.doctor)
+
+
+_DISK = (errno.EACCES, errno.EDQUOT, errno.EFBIG, errno.ENOSPC, errno.EPERM, errno.EROFS)
+
+
+def _disk_error(error: OSError) -> HilError:
+    """An error of the disk, wherever a command met it, in the words of this program."""
+    from hil.errors import HilError  # noqa: PLC0415
+
+    where = f"{error.filename}: " if error.filename else ""
+    return HilError(
+        f"{where}cannot be written: {error.strerror}",
+        "name a place that you may write to, with room",
+    )
 
 
 def main() -> None:
@@ -472,6 +519,11 @@ def main() -> None:
         app()
     except HilError as error:
         typer.echo(f"hil: {error}", err=True)
+        sys.exit(2)
+    except OSError as error:
+        if error.errno not in _DISK:
+            raise
+        typer.echo(f"hil: {_disk_error(error)}", err=True)
         sys.exit(2)
     except KeyboardInterrupt:
         typer.echo("hil: interrupted", err=True)

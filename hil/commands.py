@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from hil.faults import nodes
 from hil.scenario import ImuScenario, Scenario
 
 
@@ -17,11 +18,13 @@ class Command:
         at_s: since the start of the run; None as soon as the node has booted.
         name: of the message in the protocol table.
         values: its fields, raw.
+        injected: it makes a fault, which no check may excuse.
     """
 
     at_s: float | None
     name: str
     values: Mapping[str, float]
+    injected: bool = False
 
 
 def planned(scenario: Scenario, role: str) -> list[Command]:
@@ -32,9 +35,13 @@ def planned(scenario: Scenario, role: str) -> list[Command]:
     if role == "leader":
         commands += [
             Command(drop.at_s, "link_drop", {"hold_ms": drop.hold_ms})
-            for drop in sorted(scenario.link_drops, key=lambda drop: drop.at_s)
+            for drop in scenario.link_drops
         ]
-    return commands
+        commands += [
+            Command(at_s, "link_drop", {"hold_ms": 0}, injected=True)
+            for at_s in nodes.drops_s(scenario.inject)
+        ]
+    return sorted(commands, key=lambda command: command.at_s or 0.0)
 
 
 def imu_setup(imu: ImuScenario) -> dict[str, float] | None:

@@ -6,11 +6,11 @@ from __future__ import annotations
 import multiprocessing
 import os
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 
 from hil import checks
 from hil.measure import Measurement
+from hil.process.pool import pool
 from hil.recording import load
 from hil.series import Series
 
@@ -32,11 +32,8 @@ def judge_files(files: Sequence[Path], jobs: int | None = None) -> Iterator[Judg
         yield from map(_judge, files)
         return
     # Not forked: the caller may have threads, such as a progress bar's, that hold locks.
-    with ProcessPoolExecutor(jobs, mp_context=multiprocessing.get_context("spawn")) as pool:
-        try:
-            yield from pool.map(_judge, files)
-        finally:
-            pool.shutdown(wait=True, cancel_futures=True)
+    with pool(jobs, context=multiprocessing.get_context("spawn")) as workers:
+        yield from workers.map(_judge, files)
 
 
 def _judge(file: Path) -> Judged:

@@ -12,7 +12,9 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from hil.atomic import write_whole
 from hil.errors import RecordingError
+from hil.faults import in_words
 from hil.recording import Recording, load
 
 FILE_NAME = "recording.mcap"
@@ -47,9 +49,10 @@ def find(folder: Path) -> list[Path]:
 
 
 def find_expected_to_pass(folder: Path) -> Iterator[Path]:
-    """The recordings that were not made to fail: those a default run judges."""
+    """The recordings that were not made to fail, nor injected: those a default run judges."""
     for path in find(folder):
-        if not load(path).provenance.scenario.get("expect_fail"):
+        provenance = load(path).provenance
+        if not provenance.scenario.get("expect_fail") and not provenance.injected:
             yield path
 
 
@@ -97,6 +100,11 @@ def write_readme(recording: Recording, path: Path) -> None:
             + ".",
             "",
         ]
+    if provenance.injected:
+        lines += [
+            f"**Not a clean run: {in_words(scenario)}.** It says nothing of the product.",
+            "",
+        ]
     lines += [
         f"- recorded {provenance.created_utc}, {length}",
         f"- wire schema `{provenance.schema_hash}`",
@@ -106,7 +114,7 @@ def write_readme(recording: Recording, path: Path) -> None:
         f"Look at it with `hil replay {path.parent}`.",
         "",
     ]
-    (path.parent / "README.md").write_text("\n".join(lines), encoding="utf-8")
+    write_whole(path.parent / "README.md", "\n".join(lines).encode("utf-8"))
 
 
 def _image_line(role: str, manifest: Mapping[str, Any]) -> str:

@@ -18,6 +18,8 @@ from hil.wire.messages import FAULT_CODES, TARGETS, TICK_RATE_HZ, name_of
 from hil.wire.messages import ROLES as ROLE_NUMBERS
 
 SIM_TARGET: Final = TARGETS["sim"]
+DELAYS_MIN: Final = 5
+"""Through fewer points a line goes nearly anyhow."""
 
 
 def measure(recording: Recording, conditions: Conditions) -> list[Measurement]:
@@ -33,6 +35,7 @@ def measure(recording: Recording, conditions: Conditions) -> list[Measurement]:
             restarts(recording, role, conditions),
             faults(recording, role, conditions),
             silence(recording, role, conditions),
+            line_delay(recording, role, conditions),
         ]
     return result
 
@@ -253,4 +256,34 @@ def silence(recording: Recording, role: str, c: Conditions) -> Measurement:
         "L6",
         c,
         f"longest gap between {sent.size} HELLO frames, and from the last to the end of the run",
+    )
+
+
+def line_delay(recording: Recording, role: str, c: Conditions) -> Measurement:
+    """How much the time from a SYSTEM frame's stamp to its arrival varies.
+
+    The node's crystal runs on its own, so a line through the delays is taken out of each boot.
+    What is left are bytes that came late, or a host's clock that jumped.
+    """
+    name = f"node.{role}.line_delay_s"
+    sent = frames(recording, role, "system")
+    if recording.provenance.source == "import":
+        how = "an imported stream has no times of its own"
+        return judged(name, None, "L8", c, how)
+    sent_s = sent["t_ticks_node"].astype(np.float64) / TICK_RATE_HZ
+    delay_s = seen_t_ns_bench(recording, role, sent) / 1e9 - sent_s
+    boots = np.split(np.arange(sent_s.size), np.flatnonzero(np.diff(sent_s) <= 0) + 1)
+    ranges = [
+        float(np.ptp(delay_s[boot] - np.polyval(np.polyfit(sent_s[boot], delay_s[boot], 1), t)))
+        for boot in boots
+        if boot.size >= DELAYS_MIN
+        for t in (sent_s[boot],)
+    ]
+    return judged(
+        name,
+        max(ranges, default=math.nan),
+        "L8",
+        c,
+        f"range of arrival minus own stamp of {sent.size} SYSTEM frames, about a line for the "
+        f"node's crystal, within each of {len(ranges)} boots",
     )

@@ -36,6 +36,8 @@ BOARDS = ("sim", "bench")
 SOURCES = ("replay", *BOARDS)
 EXIT_RIG_FAILURE = 10
 EXIT_NOT_RUN_LIVE = 11
+LONG_S = 600.0
+"""A longer scenario runs only when it is named."""
 
 
 @dataclass(frozen=True)
@@ -61,6 +63,7 @@ class Session:
     record_name: str | None
     recordings_dir: Path
     runs_dir: Path
+    inject: list[str]
     report_dir: Path | None
     workspace: Path | None
     images: Path | None
@@ -107,6 +110,14 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         "--require-live",
         action="store_true",
         help=f"end with exit code {EXIT_NOT_RUN_LIVE} when nothing ran live",
+    )
+    group.addoption(
+        "--inject",
+        action="append",
+        default=[],
+        metavar="KIND[:STREAM][=VALUE][@FROM..TO]",
+        help="make a fault, to see the checks catch it (docs/faults.md); may be repeated; e.g. "
+        "drop=1e-4 or clock-jump=0.1@5",
     )
     group.addoption("--workspace", default=None, metavar="DIR", help="Zephyr workspace to build in")
     group.addoption(
@@ -175,6 +186,7 @@ def pytest_configure(config: pytest.Config) -> None:
         record_name=option("--record"),
         recordings_dir=root / config.getini("hil_recordings"),
         runs_dir=root / "build" / "runs",
+        inject=option("--inject"),
         report_dir=Path(option("--hil-report")) if option("--hil-report") else None,
         workspace=Path(option("--workspace")) if option("--workspace") else None,
         images=Path(option("--images")) if option("--images") else None,
@@ -197,11 +209,12 @@ def _specs(config: pytest.Config) -> list[RunSpec]:
     Raises:
         pytest.UsageError: an option names nothing that exists.
     """
-    from hil import library  # noqa: PLC0415 (kept out of other projects' start-up)
+    from hil import faults, library  # noqa: PLC0415 (kept out of other projects' start-up)
     from hil.errors import HilError  # noqa: PLC0415
 
     session = config.stash[_SESSION]
     try:
+        faults.refuse_unless_possible(faults.parse_all(session.inject), session.board or "replay")
         if session.board:
             folder = config.rootpath / config.getini("hil_scenarios")
             scenarios = session.scenarios or _passing_scenarios(folder)
@@ -221,7 +234,12 @@ def _specs(config: pytest.Config) -> list[RunSpec]:
 def _passing_scenarios(folder: Path) -> list[Path]:
     from hil import scenario  # noqa: PLC0415
 
-    return [p for p in sorted(folder.glob("*.toml")) if not scenario.load(p).expect_fail]
+    loaded = [(path, scenario.load(path)) for path in sorted(folder.glob("*.toml"))]
+    return [
+        path
+        for path, plan in loaded
+        if not plan.expect_fail and not plan.inject and plan.duration_s <= LONG_S
+    ]
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
@@ -269,16 +287,17 @@ def _spec_of(item: pytest.Item) -> RunSpec | None:
 @pytest.fixture(scope="session")
 def recording(request: pytest.FixtureRequest) -> Recording:
     """The run being judged, live or replayed; tests need not know which."""
-    from hil import run  # noqa: PLC0415
+    from hil import faults, run  # noqa: PLC0415
     from hil.backends.replay import ReplayBackend  # noqa: PLC0415
     from hil.errors import HilError  # noqa: PLC0415
 
     session = request.config.stash[_SESSION]
     session.used = True
     spec: RunSpec = request.param
+    injections = faults.parse_all(session.inject)
     try:
         if spec.source == "replay":
-            result = ReplayBackend(spec.path).run(None, None, _silent)
+            result = ReplayBackend(spec.path, inject=injections).run(None, None, _silent)
         else:
             result = run.live(
                 board=spec.source,
@@ -289,6 +308,7 @@ def recording(request: pytest.FixtureRequest) -> Recording:
                 bench=run.BenchOptions(
                     request.config.rootpath / BENCH_FILE, session.images, session.lock_wait_s
                 ),
+                inject=injections,
             )
             session.ran += 1
     except HilError as error:
@@ -398,17 +418,34 @@ def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> Non
     session = config.stash[_SESSION]
     if not session.used:
         return
+    from hil import faults  # noqa: PLC0415
+
     terminalreporter.section("hil")
-    for name, (_, measurements) in session.results.items():
+    for name, (recording, measurements) in session.results.items():
         counts: dict[str, int] = {}
         for m in measurements:
             counts[m.verdict.value] = counts.get(m.verdict.value, 0) + 1
         line = ", ".join(f"{n} {verdict}" for verdict, n in sorted(counts.items()))
         terminalreporter.write_line(f"{name}: {line or 'nothing measured'}")
+        if said := faults.in_words(recording.provenance.scenario):
+            terminalreporter.write_line(f"{name}: {said}", yellow=True)
     for failure in session.rig_failures:
         terminalreporter.write_line(f"rig failure: {failure}", red=True)
+    if unnoticed := _unnoticed(session):
+        terminalreporter.write_line(
+            f"no check noticed the faults injected into {', '.join(unnoticed)}", red=True
+        )
     if config.getoption("--require-live") and session.ran == 0:
         terminalreporter.write_line("not run live: --require-live was given", red=True)
+
+
+def _unnoticed(session: Session) -> list[str]:
+    """The runs into which faults were injected, and of which no measurement is bad."""
+    return [
+        name
+        for name, (recording, measurements) in session.results.items()
+        if recording.provenance.injected and all(m.verdict.ok for m in measurements)
+    ]
 
 
 @pytest.hookimpl(wrapper=True, trylast=True)
@@ -419,6 +456,8 @@ def pytest_sessionfinish(session: pytest.Session) -> Generator[None, None, None]
     if session.exitstatus == pytest.ExitCode.TESTS_FAILED and state.rig_failures:
         only_rig = session.testsfailed <= len(_errors(session))
         session.exitstatus = EXIT_RIG_FAILURE if only_rig else session.exitstatus
+    elif session.exitstatus == pytest.ExitCode.OK and _unnoticed(state):
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED
     elif (
         session.exitstatus == pytest.ExitCode.OK
         and session.config.getoption("--require-live")

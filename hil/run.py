@@ -3,13 +3,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from hil import scenario
 from hil.backends import Backend, Progress
 from hil.bench import BENCH_FILE
 from hil.errors import RigError
+from hil.faults import Injection
+from hil.faults.injection import limited
 from hil.recording import Recording
 
 
@@ -60,8 +62,12 @@ def live(
     progress: Progress,
     *,
     bench: BenchOptions | None = None,
+    inject: tuple[Injection, ...] = (),
 ) -> Recording:
     """Build what is needed, run the scenario, write and return the recording.
+
+    Args:
+        inject: faults, beside those of the scenario.
 
     Raises:
         ScenarioError: the scenario file is wrong.
@@ -69,5 +75,6 @@ def live(
         RigError: the rig failed during the run.
     """
     plan = scenario.load(scenario_path)
+    plan = replace(plan, inject=limited((*plan.inject, *inject)))
     output.parent.mkdir(parents=True, exist_ok=True)
     return backend(board, workspace, bench).run(plan, output, progress)

@@ -34,6 +34,10 @@ Example::
 
     [[link_drops]]
     at_s = 30.0
+
+    [[inject]]
+    kind = "drop"
+    value = 1e-4
 """
 
 from __future__ import annotations
@@ -45,7 +49,15 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from hil.errors import ScenarioError
+from hil.errors import ScenarioError, printable, shorten
+from hil.faults.injection import Injection, limited
+from hil.faults.injection import from_mapping as injection_from
+
+SIZE_MAX_B = 256 * 1024
+NUMBER_MAX = 1 << 63
+"""Numbers stay below it, as they have to in a recording's provenance."""
+
+KCONFIG_TYPES = (int, str, bool)
 
 ROLES = ("leader", "follower")
 CHANNEL_KINDS = ("ideal", "multiatt")
@@ -169,7 +181,7 @@ class Scenario:
     """One run. ``kconfig`` maps role -> Kconfig name (without ``CONFIG_``) -> value.
 
     ``expect_fail`` names the checks that this scenario is made to fail: it is a test of the
-    checks, and it is never part of a default run.
+    checks, and it is never part of a default run. Nor is one with faults to ``inject``.
     """
 
     name: str
@@ -182,6 +194,7 @@ class Scenario:
     motion: Motion | None = None
     link_drops: tuple[LinkDrop, ...] = ()
     expect_fail: tuple[str, ...] = ()
+    inject: tuple[Injection, ...] = ()
 
     def node(self, role: str) -> NodeScenario:
         return self.nodes.get(role, NodeScenario())
@@ -195,14 +208,27 @@ def load(path: Path) -> Scenario:
             message names file and key.
     """
     try:
+        if path.stat().st_size > SIZE_MAX_B:
+            raise ScenarioError(
+                f"{path}: larger than {SIZE_MAX_B // 1024} KiB; this is no scenario",
+                "see fixtures/scenarios/README.md",
+            )
         data = tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise ScenarioError(
             f"{path}: cannot be read: {error.strerror}",
             "name an existing file, e.g. fixtures/scenarios/clean-7ms5.toml",
         ) from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise ScenarioError(f"{path}: not valid TOML: {error}") from error
+    except RecursionError:
+        raise ScenarioError(
+            f"{path}: not valid TOML: nested too deep", "compare with a file in fixtures/scenarios"
+        ) from None
+    except ValueError as error:
+        # ValueError: also of text that is no UTF-8 and of numbers with thousands of digits.
+        raise ScenarioError(
+            printable(f"{path}: not valid TOML: {shorten(str(error))}"),
+            "compare with a file in fixtures/scenarios",
+        ) from error
     return from_mapping(data, str(path))
 
 
@@ -219,6 +245,7 @@ def from_mapping(data: Mapping[str, Any], where: str) -> Scenario:
         "motion": dict,
         "link_drops": list,
         "expect_fail": list,
+        "inject": list,
     }
     _check(data, top, where)
     if not data.get("name"):
@@ -233,6 +260,12 @@ def from_mapping(data: Mapping[str, Any], where: str) -> Scenario:
                 raise ScenarioError(
                     f"{where}: unknown role '{section}.{role}'", "roles: " + ", ".join(ROLES)
                 )
+    for role, options in kconfig.items():
+        # Any name: the build knows which there are.
+        names = dict.fromkeys(options, KCONFIG_TYPES) if isinstance(options, dict) else {}
+        _check(options, names, f"{where}: [firmware.{role}]")
+    if not all(isinstance(check, str) for check in data.get("expect_fail", ())):
+        raise ScenarioError(f"{where}: 'expect_fail' needs names of checks")
     channel = data.get("channel", {})
     _check(channel, {"kind": str, "attenuation_db": (int, float)}, f"{where}: [channel]")
     if channel.get("kind", "ideal") not in CHANNEL_KINDS:
@@ -253,6 +286,9 @@ def from_mapping(data: Mapping[str, Any], where: str) -> Scenario:
             _link_drop(d, f"{where}: [[link_drops]]") for d in data.get("link_drops", ())
         ),
         expect_fail=tuple(data.get("expect_fail", ())),
+        inject=limited(
+            tuple(injection_from(one, f"{where}: [[inject]]") for one in data.get("inject", ()))
+        ),
     )
 
 
@@ -288,6 +324,7 @@ def to_mapping(scenario: Scenario) -> dict[str, Any]:
             "attenuation_db": scenario.channel.attenuation_db,
         },
         "expect_fail": list(scenario.expect_fail),
+        **({"inject": [one.to_mapping() for one in scenario.inject]} if scenario.inject else {}),
     }
 
 
@@ -402,13 +439,19 @@ def _plain(settings: Any) -> dict[str, Any]:
 
 def _check(data: object, allowed: Mapping[str, Any], where: str) -> None:
     if not isinstance(data, Mapping):
-        raise ScenarioError(f"{where}: a table is needed, not {data!r}")
+        raise ScenarioError(f"{where}: a table is needed, not {shorten(repr(data))}")
     for key, value in data.items():
         if key not in allowed:
             raise ScenarioError(
-                f"{where}: unknown key '{key}'", "known keys: " + ", ".join(sorted(allowed))
+                printable(f"{where}: unknown key '{shorten(key)}'"),
+                "known keys: " + ", ".join(sorted(allowed)),
             )
         if not isinstance(value, allowed[key]) or (
-            isinstance(value, bool) and allowed[key] is not bool
+            isinstance(value, bool) and allowed[key] not in (bool, KCONFIG_TYPES)
         ):
-            raise ScenarioError(f"{where}: '{key}' has the wrong type ({type(value).__name__})")
+            raise ScenarioError(
+                printable(f"{where}: '{shorten(key)}' has the wrong type ({type(value).__name__})")
+            )
+        # Not below: NaN is neither.
+        if isinstance(value, int | float) and not abs(value) < NUMBER_MAX:
+            raise ScenarioError(printable(f"{where}: '{shorten(key)}' is no finite number of use"))

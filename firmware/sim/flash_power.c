@@ -93,7 +93,8 @@ static void set_bits(uint8_t *page, uint32_t bits)
 void __wrap_nhw_nvmc_regw_sideeffects_ERASEPAGE(unsigned int inst)
 {
 	const uint32_t address = NRF_NVMC_regs[inst].ERASEPAGE;
-	uint8_t *page = (uint8_t *)nrfhw_nmvc_flash_get_base_address(inst) + address;
+	/* The model gives the address of its pointer to the flash. */
+	uint8_t *page = *(uint8_t **)nrfhw_nmvc_flash_get_base_address(inst) + address;
 
 	count("erase", address, 0);
 	if (fails(BEFORE)) {

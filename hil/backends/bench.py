@@ -36,6 +36,8 @@ from hil.bench.watch import SUFFIXES, analyser_of
 from hil.build import Manifest
 from hil.commands import planned
 from hil.errors import RigError
+from hil.faults import refuse_unless_possible
+from hil.faults.apply import writer as injected_writer
 from hil.recording import Event, Provenance, Recording, SerialStream, Writer, load
 from hil.scenario import Scenario, to_mapping
 from hil.wire.codec import decode, encode
@@ -96,7 +98,9 @@ class BenchBackend:
             RigError: the bench is in use; a probe, a port or the analyser failed or is not to be
                 believed; a board is not what was flashed. The message says which.
             RecordingError: ``output`` cannot be written.
+            ScenarioError: a fault to inject cannot be made on boards.
         """
+        refuse_unless_possible(scenario.inject, self.source)
         bench = inventory.load(self._bench_file)
         plan, left_out = applied(scenario)
         with (
@@ -179,7 +183,7 @@ class _Run:
         progress(1.0, f"recorded {self.plan.duration_s:g} s of two boards")
 
     def _writer(self, output: Path, analyser: Analyser | None) -> Writer:
-        return Writer(
+        return injected_writer(
             output,
             provenance(self.bench, self.plan, self.left_out, self.images, self.boards),
             edge_channels=() if analyser is None else analyser.channels,
@@ -215,7 +219,8 @@ class _Run:
             while sent < len(due) and due[sent][0] * NS_PER_S <= now_ns:
                 _, role, command = due[sent]
                 lines[role].write(encode(command.name, command.values, sent))
-                writer.write_event(Event(now_ns, EVENT_OF[command.name], role, command.values))
+                kind = "inject" if command.injected else EVENT_OF[command.name]
+                writer.write_event(Event(now_ns, kind, role, command.values))
                 sent += 1
             for role, line in lines.items():
                 for chunk in line.read(POLL_S):

@@ -5,9 +5,7 @@ from __future__ import annotations
 
 import importlib.metadata
 import platform
-import tempfile
 import time
-import uuid
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from datetime import UTC, datetime
@@ -16,13 +14,18 @@ from pathlib import Path
 from hil import build
 from hil.backends import Progress
 from hil.build import BabbleSim, Manifest
-from hil.errors import RigError
-from hil.process import Guard
+from hil.errors import RigError, ScenarioError
+from hil.faults import nodes, refuse_unless_possible
+from hil.faults.apply import writer as injected_writer
+from hil.process import scratch
 from hil.recording import Event, Provenance, Recording, Writer, load
 from hil.scenario import Scenario, to_mapping
 from hil.simulator import Session
 from hil.simulator.preload import store
+from hil.soak.memory import rss_kib
 
+RIG_EVERY_S = 300.0
+"""Simulated seconds from one event about the rig's own memory to the next."""
 BUILD_SHARE = 0.4
 """Share of the progress shown that building takes, when there is something to build."""
 
@@ -59,7 +62,9 @@ class SimBackend:
             RigError: an image is not the one that was built, or a program of the simulation died
                 or hung; the message names it.
             RecordingError: ``output`` exists or cannot be written.
+            ScenarioError: a fault to inject cannot be made in this run.
         """
+        refuse_unless_possible(scenario.inject, self.source)
         found = build.find_workspace(self._workspace)
         babblesim = build.find_babblesim(found)
         images = self._images or build.build_images(
@@ -70,8 +75,8 @@ class SimBackend:
         )
         executables = {role: executable(image) for role, image in images.items()}
         with (
-            Writer(output, provenance(scenario, images, babblesim)) as writer,
-            _calibrated(scenario, executables, babblesim) as flash,
+            injected_writer(output, provenance(scenario, images, babblesim)) as writer,
+            calibrated(scenario, executables, babblesim) as flash,
             Session(babblesim, executables, scenario, self._stall_limit_s, flash) as session,
         ):
             _record(session, scenario, writer, progress)
@@ -79,20 +84,28 @@ class SimBackend:
 
 
 @contextmanager
-def _calibrated(
+def calibrated(
     scenario: Scenario, executables: Mapping[str, Path], babblesim: BabbleSim
 ) -> Iterator[dict[str, Path]]:
     """The flash of each node that has a stored calibration."""
     roles = [role for role in executables if scenario.node(role).calibration]
+    for role in executables:
+        # A role must be named when one of the two has nothing stored.
+        if nodes.flash_bits(scenario.inject, role) and role not in roles:
+            raise ScenarioError(
+                f"there is no calibration in the {role}'s flash whose bits could be turned over",
+                f"name the other node, or add [nodes.{role}.calibration] to the scenario",
+            )
     if not roles:
         yield {}
         return
-    with Guard() as guard:
-        folder = Path(tempfile.gettempdir()) / f"hil-flash-{uuid.uuid4().hex[:12]}"
-        guard.watch_folder(folder)
-        folder.mkdir(mode=0o700)
+    with scratch("flash") as folder:
         for role in roles:
-            store(babblesim, executables[role], scenario, role, folder / f"{role}.flash")
+            flash = folder / f"{role}.flash"
+            store(babblesim, executables[role], scenario, role, flash)
+            for number, one in enumerate(nodes.flash_bits(scenario.inject, role)):
+                seed = (scenario.seed, one.seed, number, list(executables).index(role))
+                nodes.turn_bits(flash, int(one.value), seed)
         yield {role: folder / f"{role}.flash" for role in roles}
 
 
@@ -108,8 +121,12 @@ def _record(session: Session, scenario: Scenario, writer: Writer, progress: Prog
             writer.write_imu_truth(node.role, *node.imu_truth())
 
     shown_s = 0.0
+    told_s = -RIG_EVERY_S
     while session.wait():
         pump()
+        if session.true_s - told_s >= RIG_EVERY_S:
+            told_s = session.true_s
+            writer.write_event(Event(round(told_s * 1e9), "rig", "", {"rss_kib": rss_kib()}))
         now_s = time.monotonic()
         if now_s - shown_s > 0.2:
             shown_s = now_s

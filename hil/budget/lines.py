@@ -263,6 +263,14 @@ LINES: Final[tuple[Line, ...]] = (
         (Case("always", _always, high=3.0),),
     ),
     Line(
+        "L8",
+        "range of the time that a node's frames take to the host's clock",
+        "s",
+        "up to 8192 bytes wait for a line of 1 Mbaud, ten bits each: 8192 * 10 / 1e6 = 0.082 s; "
+        "0.068 s for the USB and the host: 0.082 + 0.068 = 0.15 s",
+        (Case("always", _always, high=0.15),),
+    ),
+    Line(
         "L7",
         "delivery to the leader interrupted by a disconnection asked for, less the hold asked for",
         "s",

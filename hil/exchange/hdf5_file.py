@@ -15,8 +15,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.exchange.extras import module
 from hil.exchange.table import Contents, ExchangeError, Table
+from hil.extras import module
 
 INFO: Final = """\
 {label}: {name}. Exported by hil; build ids: {builds}.

@@ -15,8 +15,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from hil.exchange.extras import module
 from hil.exchange.table import Contents, Table
+from hil.extras import module
 
 TOPICS: Final = {
     "imu_leader": ("/leader/imu", "hil.ImuLeader"),

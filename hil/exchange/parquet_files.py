@@ -7,8 +7,8 @@ import json
 from pathlib import Path
 
 from hil.exchange.csv_files import write_provenance
-from hil.exchange.extras import module
 from hil.exchange.table import Contents
+from hil.extras import module
 
 PROVENANCE = "hil.provenance"
 

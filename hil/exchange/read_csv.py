@@ -20,9 +20,9 @@ def read(path: Path) -> list[Sheet]:
         ReferenceError: not text, or over a limit.
     """
     # The reader of references bounds size, length and number of lines, and names what is wrong.
-    rows = reference._rows(path)
+    rows = reference.csv_rows(path)
     number, names = next(rows, (0, []))
-    if not names or any(reference._number(cell) is not None for cell in names):
+    if not names or any(reference.number_of(cell) is not None for cell in names):
         raise RefusedError(
             f"{path}, line {max(number, 1)}: is not a line of column names",
             "name the columns, e.g. t_s,gyro_x_radps,…,accel_z_mps2",
@@ -42,7 +42,7 @@ def read(path: Path) -> list[Sheet]:
         for k, cell in enumerate(cells):
             if not numeric[k]:
                 continue
-            value = float("nan") if cell == "" else reference._number(cell)
+            value = float("nan") if cell == "" else reference.number_of(cell)
             if value is None:
                 numeric[k] = False
                 columns[k] = []

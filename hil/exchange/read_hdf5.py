@@ -10,7 +10,6 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.exchange.extras import module
 from hil.exchange.sheets import (
     BYTES_MAX,
     COLUMNS_MAX,
@@ -21,6 +20,7 @@ from hil.exchange.sheets import (
     check_claim,
     columns_of,
 )
+from hil.extras import module
 
 CHUNKS_MAX: Final = 100_000
 DEFLATE, SHUFFLE, FLETCHER32 = "1", "2", "3"

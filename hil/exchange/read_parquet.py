@@ -9,8 +9,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hil.exchange.extras import module
 from hil.exchange.sheets import BYTES_MAX, RefusedError, Sheet, check_claim
+from hil.extras import module
 
 STRINGS_MAX: Final = 1 << 26
 BATCH_ROWS: Final = 65_536

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from hil.atomic import write_whole
 from hil.errors import HilError
+from hil.extras import module
 from hil.log.text import Table, tables_of_parts
 from hil.recording import Recording
 
@@ -70,28 +71,14 @@ def as_parquet(table: Table) -> bytes:
     Raises:
         HilError: pyarrow is not installed.
     """
-    pyarrow = need_pyarrow()
+    pyarrow, parquet = module("pyarrow"), module("pyarrow.parquet")
     arrow = pyarrow.table(
         {name: pyarrow.array(values.tolist()) for name, values in columns(table).items()}
     ).replace_schema_metadata({"hil.kind": table.kind, "hil.bad_rows": str(table.bad_rows)})
     sink = pyarrow.BufferOutputStream()
-    pyarrow.parquet.write_table(arrow, sink, compression="zstd")
+    parquet.write_table(arrow, sink, compression="zstd")
     content: bytes = sink.getvalue().to_pybytes()
     return content
-
-
-def need_pyarrow() -> Any:
-    """pyarrow, with its part for Parquet.
-
-    Raises:
-        HilError: it is not installed.
-    """
-    try:
-        import pyarrow  # noqa: PLC0415 (an extra)
-        import pyarrow.parquet  # noqa: PLC0415
-    except ImportError as error:
-        raise HilError("Parquet needs pyarrow", "pip install 'hil[parquet]'") from error
-    return pyarrow
 
 
 def steps_missing(table: Table) -> int | None:

@@ -11,7 +11,6 @@ instruction whose condition does not hold, count as one each.
 from __future__ import annotations
 
 import shutil
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -25,6 +24,7 @@ from hil.pil import layout
 from hil.pil.feed import encode
 from hil.pil.image import Image, Progress, quiet
 from hil.process import run as run_program
+from hil.process import scratch
 from hil.reference.params import Params
 
 QEMU: Final = "qemu-system-arm"
@@ -109,8 +109,7 @@ def run_bytes(
         if words[:2] == ["pil:", "step"] and words[-1].isdecimal():
             progress(int(words[-1]) / max(steps, 1), f"step {words[-1]} of {steps}")
 
-    with tempfile.TemporaryDirectory(prefix="hil-pil-") as name:
-        folder = Path(name)
+    with scratch("pil") as folder:
         (folder / "input.bin").write_bytes(data)
         run_program(
             (

@@ -9,11 +9,9 @@ until the block at its return address.
 from __future__ import annotations
 
 import re
-import tempfile
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import cached_property
-from pathlib import Path
 from typing import Final
 
 from hil.errors import RigError
@@ -22,6 +20,7 @@ from hil.pil.cycles import Cost, Instruction, block_cost
 from hil.pil.emulator import run_bytes
 from hil.pil.feed import encode
 from hil.pil.image import Image, Progress, quiet
+from hil.process import scratch
 from hil.reference.params import Params
 
 STEP_SYMBOL: Final = "_ZN2bv9EstimatorIfE4step"
@@ -54,8 +53,8 @@ def step_costs(
         RigError: as :func:`hil.pil.emulator.run`, or the log does not show the steps.
     """
     steps = len(samples.leader.t_ticks)
-    with tempfile.TemporaryDirectory(prefix="hil-pil-") as name:
-        log = Path(name) / "log"
+    with scratch("pil") as folder:
+        log = folder / "log"
         run_bytes(image, encode(samples, params or Params()), steps, progress, log)
         with log.open(encoding="utf-8", errors="replace") as lines:
             costs = list(parse(lines))

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""One running program: its process group, its output, its end."""
+"""One running program: its session, its output, its end."""
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import os
 import queue
@@ -19,6 +20,7 @@ from types import TracebackType
 from typing import IO, Self
 
 from hil.errors import HilError, RigError
+from hil.process.guard import Guard, end_session
 
 TRAMPOLINE = Path(__file__).with_name("trampoline.py")
 LINES_KEPT = 4000
@@ -27,7 +29,7 @@ BYTES_AT_ONCE = 1 << 20
 
 
 class Child:
-    """A program started in a process group of its own; a context manager that ends the group.
+    """A program started in a session of its own; a context manager that ends all of the session.
 
     Standard output and error are read together, line by line, by a thread; a carriage return
     ends a line like a newline does. A program whose standard output is data, not text, is given
@@ -87,6 +89,7 @@ class Child:
             env=None if env is None else dict(env),
             start_new_session=True,
         )
+        _guard().watch_session(self.pid)
         assert self._popen.stdout is not None
         self._readers: list[threading.Thread] = []
         if on_bytes is None:
@@ -109,7 +112,7 @@ class Child:
 
     @property
     def pid(self) -> int:
-        """Process id, which is also the id of the process group."""
+        """Process id, which is also the id of its process group and its session."""
         return self._popen.pid
 
     def next_line(self, timeout_s: float) -> str | None:
@@ -143,9 +146,7 @@ class Child:
     def exit_status(self) -> int | None:
         """None while it runs; else its exit status, negative for the signal that killed it."""
         if self._popen.returncode is None and self._has_ended():
-            # The leader is not yet reaped, so the group's number cannot belong to anyone else.
-            self._signal(signal.SIGKILL)
-            self._popen.wait()
+            self._end()
         return self._popen.returncode
 
     def wait(self, timeout_s: float) -> int:
@@ -162,14 +163,14 @@ class Child:
         return status
 
     def stop(self, grace_s: float = STOP_GRACE_S) -> int:
-        """End the whole group: ask, wait ``grace_s``, kill. Safe to repeat."""
+        """End the whole session: ask, wait ``grace_s``, kill. Safe to repeat."""
         if self.exit_status() is None and grace_s > 0:
-            self._signal(signal.SIGTERM)
+            with contextlib.suppress(ProcessLookupError):
+                os.killpg(self.pid, signal.SIGTERM)
             with contextlib.suppress(TimeoutError):
                 self.wait(grace_s)
         if self.exit_status() is None:
-            self._signal(signal.SIGKILL)
-            self._popen.wait()
+            self._end()
         if self._popen.stdin is not None:
             with contextlib.suppress(BrokenPipeError):
                 self._popen.stdin.close()
@@ -200,9 +201,11 @@ class Child:
         options = os.WEXITED | os.WNOHANG | os.WNOWAIT
         return os.waitid(os.P_PID, self.pid, options) is not None
 
-    def _signal(self, number: signal.Signals) -> None:
-        with contextlib.suppress(ProcessLookupError):
-            os.killpg(self.pid, number)
+    def _end(self) -> None:
+        # While the leader is not reaped, the session's number cannot belong to anyone else.
+        end_session(self.pid)
+        self._popen.wait()
+        _guard().forget_session(self.pid)
 
     def _read(self, stream: IO[bytes]) -> None:
         rest = b""
@@ -231,6 +234,25 @@ class Child:
         text = line.decode("utf-8", "replace")
         self.lines.append(text)
         self._fresh.put(text)
+
+
+_GUARDS: dict[int, Guard] = {}
+"""Process id -> the guard of all that this process starts; a forked process gets its own."""
+_GUARDS_LOCK = threading.Lock()
+
+
+def _guard() -> Guard:
+    owner = os.getpid()
+    with _GUARDS_LOCK:
+        if owner not in _GUARDS:
+            _GUARDS[owner] = Guard().__enter__()
+            atexit.register(_leave, owner)
+        return _GUARDS[owner]
+
+
+def _leave(owner: int) -> None:
+    if owner == os.getpid():
+        _GUARDS.pop(owner).leave()
 
 
 def describe_status(status: int) -> str:

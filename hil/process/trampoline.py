@@ -15,13 +15,18 @@ PR_SET_PDEATHSIG = 1
 EXIT_CANNOT_EXECUTE = 127
 
 
-def main(parent_pid: int, core: str, argv: list[str]) -> None:
+def die_with_parent(parent_pid: int) -> None:
+    """Let the kernel kill this process when the thread that started it ends."""
     libc = ctypes.CDLL(None, use_errno=True)
     if libc.prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0) != 0:
         sys.exit(f"prctl: {os.strerror(ctypes.get_errno())}")
     if os.getppid() != parent_pid:
         # The parent died before the request was in place.
         sys.exit(EXIT_CANNOT_EXECUTE)
+
+
+def main(parent_pid: int, core: str, argv: list[str]) -> None:
+    die_with_parent(parent_pid)
     if core != "-":
         os.sched_setaffinity(0, {int(core)})
     # Python ignores SIGPIPE; other programs expect the default.

@@ -215,6 +215,17 @@ class Provenance:
         if not all(isinstance(manifest, Mapping) for manifest in self.manifests.values()):
             raise RecordingError("provenance: a build manifest is not a mapping")
 
+    @property
+    def injected(self) -> tuple[str, ...]:
+        """Kinds of the faults that were injected on purpose, as the scenario names them."""
+        listed = self.scenario.get("inject") or ()
+        if not isinstance(listed, list | tuple):
+            return ("faults",)
+        return tuple(
+            str(one.get("kind", "fault"))[:40] if isinstance(one, Mapping) else "fault"
+            for one in listed
+        )
+
     def to_mapping(self) -> dict[str, Any]:
         return {item.name: getattr(self, item.name) for item in fields(self)}
 
@@ -281,11 +292,15 @@ class Recording:
 
     @property
     def name(self) -> str:
-        """The file's name, or its folder's when the file is just ``recording.mcap``."""
+        """The file's name, or its folder's when the file is just ``recording.mcap``.
+
+        With faults injected they are part of it: no view can take such a run for a clean one.
+        """
+        name = str(self.provenance.scenario.get("name", self.provenance.source))
         if self.path is not None:
             stem = self.path.stem
-            return self.path.absolute().parent.name if stem == "recording" else stem
-        return str(self.provenance.scenario.get("name", self.provenance.source))
+            name = self.path.absolute().parent.name if stem == "recording" else stem
+        return " + ".join([name, *self.provenance.injected])
 
     @property
     def truth(self) -> Mapping[str, ClockModel]:

@@ -4,10 +4,11 @@
 from __future__ import annotations
 
 import os
+import secrets
 import threading
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
@@ -17,6 +18,7 @@ import mcap.writer
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hil.atomic import take_name
 from hil.errors import RecordingError
 from hil.recording import imu_truth_block, json_messages, layout
 from hil.recording.model import EDGE_CHANNELS, Event, Provenance
@@ -239,15 +241,29 @@ class Writer:
                 raise self._cannot_write(error) from error
 
     def _open(self) -> None:
+        """Make the file; it gets its name when it holds its first chunk, and can be read."""
+        if os.path.lexists(self.path):
+            raise self._exists()
+        unnamed = self.path.parent / f".{self.path.name}.{secrets.token_hex(4)}"
         try:
-            self._file = self.path.open("xb")
-        except FileExistsError as error:
-            raise RecordingError(
-                f"{self.path}: exists already, and a recording is never overwritten",
-                "choose another name, or remove the file first",
-            ) from error
-        except (OSError, ValueError) as error:
-            raise self._cannot_write(error) from error
+            try:
+                self._file = unnamed.open("xb")
+            except (OSError, ValueError) as error:
+                raise self._cannot_write(error) from error
+            self._begin()
+            try:
+                take_name(unnamed, self.path)
+            except FileExistsError as error:
+                self._close_file()
+                raise self._exists() from error
+            except OSError as error:
+                self._close_file()
+                raise self._cannot_write(error) from error
+        finally:
+            with suppress(OSError, ValueError):
+                unnamed.unlink(missing_ok=True)
+
+    def _begin(self) -> None:
         try:
             with self._mending():
                 self._mcap = mcap.writer.Writer(
@@ -371,6 +387,12 @@ class Writer:
         except OSError as error:
             self._broken = True
             raise self._cannot_write(error) from error
+
+    def _exists(self) -> RecordingError:
+        return RecordingError(
+            f"{self.path}: exists already, and a recording is never overwritten",
+            "choose another name, or remove the file first",
+        )
 
     def _cannot_write(self, error: OSError | ValueError) -> RecordingError:
         reason = error.strerror if isinstance(error, OSError) else str(error)

@@ -19,6 +19,7 @@ from typing import Any, Final
 import numpy as np
 
 from hil.budget import BY_ID
+from hil.faults import in_words
 from hil.library import SOURCE_LABELS
 from hil.measure import Measurement, Verdict
 from hil.recording import Recording
@@ -189,6 +190,7 @@ def _recording(result: Result) -> Document:
         "verdict": verdict.value,
         "outcome": outcome,
         "outcome_reason": reason,
+        "injected": text(in_words(provenance.scenario)),
         "expect_fail": expect_fail,
         "as_expected": _as_expected(measurements, expect_fail) if expect_fail else None,
         "integrity": {
@@ -227,6 +229,7 @@ def _not_run(run: NotRun) -> Document:
         "verdict": Verdict.UNSET.value,
         "outcome": "rig_failure" if run.rig_failed else "not_run_live",
         "outcome_reason": text(run.reason),
+        "injected": "",
         "expect_fail": [],
         "as_expected": None,
         "integrity": None,
@@ -258,9 +261,10 @@ def _measurements(measurements: Sequence[Measurement], expect_fail: Sequence[str
     return kept
 
 
-def _outcome(result: Result, verdict: Verdict) -> tuple[str, str]:
+def _outcome(result: Result, verdict: Verdict) -> tuple[str, str]:  # noqa: PLR0911 (a case each)
     """Whose failure it is. A broken rig is named first: it may well be why a check failed."""
     integrity = result.recording.integrity
+    injected = in_words(result.recording.provenance.scenario)
     if result.rig_failure:
         return "rig_failure", text(result.rig_failure)
     if not integrity.complete or integrity.lost_blocks:
@@ -269,11 +273,15 @@ def _outcome(result: Result, verdict: Verdict) -> tuple[str, str]:
         )
     match verdict:
         case Verdict.FAIL:
-            return "product_failure", "A check found a value outside its limits."
+            return "product_failure", "A check found a value outside its limits" + (
+                f"; {text(injected)}." if injected else "."
+            )
         case Verdict.INCONCLUSIVE:
             return "inconclusive", "A value lies too close to its limit for its uncertainty."
         case Verdict.UNSET:
             return "inconclusive", "Nothing could be measured."
+        case _ if injected:
+            return "inconclusive", f"No check noticed that {text(injected)}."
         case Verdict.PASS | Verdict.MARGINAL:
             return "pass", ""
 
@@ -286,7 +294,8 @@ def _as_expected(measurements: Sequence[Any], expect_fail: Sequence[str]) -> boo
 def _counted_verdict(entry: Mapping[str, Any]) -> Verdict:
     """What a run adds to the verdict of the whole: a failure that was ordered counts as a pass."""
     if not entry["expect_fail"]:
-        return Verdict(entry["verdict"])
+        unnoticed = entry["injected"] and Verdict(entry["verdict"]) is not Verdict.FAIL
+        return Verdict.INCONCLUSIVE if unnoticed else Verdict(entry["verdict"])
     return Verdict.PASS if entry["as_expected"] else Verdict.FAIL
 
 

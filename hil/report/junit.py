@@ -38,6 +38,7 @@ def _suite(root: ET.Element, entry: Mapping[str, Any], document: Mapping[str, An
         "judged": entry["judged"],
         "verdict": entry["verdict"],
         "outcome": entry["outcome"],
+        "injected": entry.get("injected", ""),
         "expect_fail": ", ".join(entry["expect_fail"]),
     }
     for file in entry["attachments"]:
@@ -57,6 +58,9 @@ def _suite(root: ET.Element, entry: Mapping[str, Any], document: Mapping[str, An
     if entry["outcome"] == "not_run_live":
         case = ET.SubElement(suite, "testcase", classname=_text(entry["id"]), name="run")
         ET.SubElement(case, "skipped", message=_text("not run live: " + entry["outcome_reason"]))
+    if entry.get("injected") and entry["outcome"] == "inconclusive":
+        case = ET.SubElement(suite, "testcase", classname=_text(entry["id"]), name="injected")
+        ET.SubElement(case, "failure", message=_text(entry["outcome_reason"]), type="unnoticed")
     for measurement in entry["measurements"]:
         _case(suite, entry, measurement)
     missing = set(entry["expect_fail"]) - {m["name"] for m in entry["measurements"]}

@@ -41,6 +41,10 @@ CANNOT_TELL: Final[Mapping[str, tuple[str, ...]]] = {
         "between edges.",
     ),
     "synthetic": ("Anything about firmware or hardware: the data came from a formula.",),
-    "import": ("Whether the recording's clocks were what it says they were.",),
+    "import": (
+        "Whether the recording's clocks were what it says they were.",
+        "Anything that did not come along: of bare samples, only they, their rate and their gaps "
+        "are judged; sync, link, FIFO and boot check have no value.",
+    ),
 }
 """What no figure from a source can show, by source."""

@@ -70,6 +70,8 @@ def _run(entry: Mapping[str, Any], console: Console) -> None:
     )
     if entry["outcome"] in ("rig_failure", "not_run_live"):
         _print(console, Text(f"  {entry['outcome_reason']}", STYLES[verdict]))
+    if entry.get("injected"):
+        _print(console, Text(f"  {entry['injected']}", "magenta"))
     for problem in (entry["integrity"] or {"problems": ()})["problems"]:
         if problem not in entry["outcome_reason"]:
             _print(console, Text(f"  recording: {problem}", "magenta"))

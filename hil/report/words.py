@@ -63,8 +63,9 @@ def groups(measurements: Sequence[Mapping[str, Any]]) -> list[tuple[str, list[Ma
 
 
 def run_verdict(entry: Mapping[str, Any]) -> str:
-    """The verdict that colours a run: a rig failure is never shown as a pass."""
-    if entry["outcome"] == "rig_failure" and entry["verdict"] != "fail":
+    """The verdict that colours a run: neither a rig failure nor injected faults show as a pass."""
+    hidden = entry["outcome"] == "rig_failure" or entry.get("injected")
+    if hidden and entry["verdict"] != "fail":
         return "inconclusive"
     return str(entry["verdict"])
 
@@ -73,7 +74,9 @@ def run_title(entry: Mapping[str, Any]) -> str:
     """Verdict or outcome of a run in words, with the note that a failure was ordered."""
     if entry["outcome"] in ("rig_failure", "not_run_live"):
         return OUTCOMES[entry["outcome"]]
-    title = VERDICTS[entry["verdict"]]
+    title = VERDICTS[run_verdict(entry)]
+    if entry.get("injected"):
+        title += ", faults injected"
     if entry["expect_fail"]:
         return title + (", as it is made to" if entry["as_expected"] else ", but made to fail")
     return title

@@ -13,13 +13,13 @@ import argparse
 import inspect
 import sys
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 
 from hil.core import Estimator
 from hil.motion.lifts import LIFTS, TOUCH_AND_GO, WITH_RESTS, seeded_set
 from hil.parity import batch
+from hil.process.pool import pool
 from hil.reference.params import Params
 from hil.reference.study import simulate
 from hil.reps.find import repetitions
@@ -88,11 +88,11 @@ def count(seed: int, rests: bool) -> Count:
 
 def study(seeds: range, jobs: int | None = None) -> list[Count]:
     """Both kinds of set for each of ``seeds``."""
-    with ProcessPoolExecutor(jobs) as pool:
+    with pool(jobs) as workers:
         return [
             one
             for rests in (False, True)
-            for one in pool.map(partial(count, rests=rests), seeds, chunksize=4)
+            for one in workers.map(partial(count, rests=rests), seeds, chunksize=4)
         ]
 
 

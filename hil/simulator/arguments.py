@@ -6,6 +6,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from hil.build import BabbleSim
+from hil.faults import nodes
 from hil.scenario import Channel, ImuScenario, NodeScenario, Scenario
 from hil.simulator import motion
 
@@ -13,12 +14,17 @@ DEVICES = ("leader", "follower")
 """Role of each device number."""
 
 
+def started(scenario: Scenario) -> tuple[str, ...]:
+    """The roles that take part; a fault may leave the follower out."""
+    return tuple(role for role in DEVICES if not nodes.is_absent(scenario.inject, role))
+
+
 def phy(babblesim: BabbleSim, sim_id: str, scenario: Scenario) -> list[str]:
     """The radio simulator, which ends the run after the scenario's duration."""
     return [
         str(babblesim.phy),
         f"-s={sim_id}",
-        f"-D={len(DEVICES)}",
+        f"-D={len(started(scenario))}",
         f"-sim_length={round(scenario.duration_s * 1e6)}",
         f"-rs={scenario.seed}",
         *("-nodump", "-no-color"),
@@ -48,6 +54,7 @@ def node(
     folder: Path,
     commands: bool = False,
     flash: Path | None = None,
+    speed: float = 0.0,
 ) -> list[str]:
     """One node's image.
 
@@ -56,6 +63,7 @@ def node(
         folder: where its logs go, and its motion and commands come from.
         commands: there is a file of commands.
         flash: what its flash holds; empty without.
+        speed: at most so many times as fast as real time; 0 for as fast as it goes.
     """
     device = DEVICES.index(role)
     seed = node_seed(scenario, role)
@@ -75,6 +83,7 @@ def node(
         *([f"-hil_commands={commands_file(folder, role)}"] if commands else []),
         *([f"-imu_motion={motion_file(folder, role)}"] if scenario.motion else []),
         *([f"-flash={flash}"] if flash else []),
+        *([f"-hil_speed={speed!r}"] if speed else []),
     ]
 
 

@@ -159,8 +159,8 @@ class Desk:
             ) as air,
             Child(self._argv(sim_id), name="the unit", cwd=self._folder, core=core) as unit,
         ):
-            self._guard.watch_group(air.pid)
-            self._guard.watch_group(unit.pid)
+            self._guard.watch_session(air.pid)
+            self._guard.watch_session(unit.pid)
             self.boots += 1
             while not self._leaving.is_set():
                 status = unit.exit_status()

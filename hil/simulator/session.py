@@ -34,6 +34,7 @@ class Session:
         executables: role -> image built for the simulated board.
         stall_limit_s: real time without simulated progress after which a node counts as hung.
         flash: role -> file of what its flash holds; empty where there is none.
+        speed: at most so many times as fast as real time; 0 for as fast as it goes.
     """
 
     def __init__(
@@ -43,6 +44,8 @@ class Session:
         scenario: Scenario,
         stall_limit_s: float = 30.0,
         flash: Mapping[str, Path] | None = None,
+        *,
+        speed: float = 0.0,
     ) -> None:
         self.sim_id = f"hil-{os.getpid()}-{uuid.uuid4().hex[:8]}"
         self.nodes: list[Node] = []
@@ -50,6 +53,7 @@ class Session:
         self._executables = executables
         self._scenario = scenario
         self._flash = flash or {}
+        self._speed = speed
         self._watch = ProgressWatch(stall_limit_s)
         self._drain_deadline_s: float | None = None
         self._cleanup = ExitStack()
@@ -115,7 +119,7 @@ class Session:
     def _start(self, stack: ExitStack, guard: Guard, folder: Path) -> None:
         core = pick_core()
         clocks = to_mapping(self._scenario)["nodes"]
-        for role in arguments.DEVICES:
+        for role in arguments.started(self._scenario):
             clock = ClockModel.from_mapping(clocks.get(role, {}))
             node = Node(role, clock, folder)
             stack.callback(node.close)
@@ -144,6 +148,7 @@ class Session:
                 folder=folder,
                 commands=has_commands,
                 flash=self._flash.get(node.role),
+                speed=self._speed,
             )
             node.attach(
                 self._spawn(stack, guard, argv, name=f"the {node.role} node", cwd=folder, core=core)
@@ -155,7 +160,7 @@ class Session:
         child = Child(argv, name=name, cwd=cwd, core=core)
         # Nothing of value is in these programs, so they are killed and not asked.
         stack.callback(child.stop, grace_s=0.0)
-        guard.watch_group(child.pid)
+        guard.watch_session(child.pid)
         return child
 
 

@@ -102,11 +102,11 @@ def read(path: Path, columns: Columns | None = None) -> Reference:
             or a line that is wrong: it is named.
     """
     said = columns or Columns()
-    rows = _rows(path)
+    rows = csv_rows(path)
     number, first = next(rows, (0, []))
     if not first:
         raise ReferenceError(f"{path}: the file is empty", "give a CSV file with times and values")
-    named = any(_number(cell) is None and cell for cell in first)
+    named = any(number_of(cell) is None and cell for cell in first)
     names = first if named else [f"column {k + 1}" for k in range(len(first))]
     time = _pick(
         path,
@@ -148,8 +148,12 @@ def read(path: Path, columns: Columns | None = None) -> Reference:
     )
 
 
-def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
-    """Number and stripped cells of each line that is not blank; bounded in every direction."""
+def csv_rows(path: Path) -> Iterator[tuple[int, list[str]]]:
+    """Number and stripped cells of each line that is not blank; bounded in every direction.
+
+    Raises:
+        ReferenceError: no such file, too large, or not text; the message names the line.
+    """
     try:
         if path.stat().st_size > BYTES_MAX:
             raise ReferenceError(
@@ -186,7 +190,8 @@ def _rows(path: Path) -> Iterator[tuple[int, list[str]]]:
         ) from error
 
 
-def _number(cell: str) -> float | None:
+def number_of(cell: str) -> float | None:
+    """The number in a cell of a table; None where there is none."""
     # float() also takes 1_000, which no instrument writes.
     if "_" in cell:
         return None
@@ -262,7 +267,7 @@ def _numbers(
                 f"{path}, line {line}: {len(cells)} fields, too few", "complete the line or cut it"
             )
         texts = [cells[c.index] for c in wanted]
-        values = [_number(text) for text in texts]
+        values = [number_of(text) for text in texts]
         if any(text == "" or text.lower() == "nan" for text in texts):
             gaps += 1
             continue

@@ -81,9 +81,8 @@ def terminal(tuning: Tuning, values: Float, title: str) -> Text:
             text.append(shade + _mark(tuning, i, j), f"{ink} on #{red:02x}{green:02x}{blue:02x}")
         text.append("\n")
     low, high = tuning.grid.gyro_var[0], tuning.grid.gyro_var[-1]
-    text.append(
-        f"{'':10}{low:<10.2g}{'zupt_gyro_var, (rad/s)^2':^{2 * columns - 20}}{high:>10.2g}\n"
-    )
+    name = "zupt_gyro_var, (rad/s)^2".center(2 * columns - 20)
+    text.append(f"{'':10}{low:<10.2g}{name}{high:>10.2g}\n")
     text.append(
         f"{'':10}up: zupt_accel_var, (m/s^2)^2; {PLATEAU}: plateau, {PROPOSAL}: proposal, "
         f"{NOW}: now\n"

@@ -44,6 +44,7 @@ ENUMS: Final[Mapping[str, Mapping[str, int]]] = {
     "cal_reason": table.CAL_REASONS,
     "boot_check": table.BOOT_CHECKS,
     "node_command": table.NODE_COMMANDS,
+    "link_key_origin": table.LINK_KEY_ORIGINS,
     "rep_kind": table.REP_KINDS,
     "rep_flag": table.REP_FLAGS,
 }

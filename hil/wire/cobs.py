@@ -12,9 +12,6 @@ from __future__ import annotations
 
 from typing import Final
 
-import numpy as np
-from numpy.typing import NDArray
-
 FULL: Final = 0xFF
 """Code of a group of 254 bytes, which stands for no zero."""
 
@@ -23,9 +20,6 @@ RUN: Final = FULL - 1
 
 _CODES: Final = tuple(bytes([length + 1]) for length in range(RUN + 1))
 """By the length of the group."""
-
-ROW_LIMIT: Final = 254
-"""Longest stuffed message that cannot hold a full group: what :func:`unstuff_rows` takes."""
 
 
 def stuff(data: bytes) -> bytes:
@@ -58,30 +52,3 @@ def unstuff(chunk: bytes) -> bytes | None:
         if code != FULL and at < len(chunk):
             message.append(0)
     return bytes(message) if at == len(chunk) else None
-
-
-def unstuff_rows(rows: NDArray[np.uint8], first: int, length: int) -> NDArray[np.bool_]:
-    """Unstuffs one chunk per row, in place; returns which rows were sound.
-
-    A row holds in columns ``first`` to ``first + length`` a chunk of at most :data:`ROW_LIMIT`
-    bytes and the 00 behind it. In a sound row the codes, and nothing else, become 0: that is the
-    message, from column ``first + 1`` on. Other rows are left as they were.
-
-    All chunks are walked at once, from code to code. The closing 00 takes no further step, so a
-    walk that has arrived stays where it is until the longest is over.
-    """
-    flat = rows.reshape(-1)
-    start = np.arange(first, flat.size, rows.shape[1])
-    at = start
-    visited = []
-    for _ in range(length):
-        step = flat.take(at, mode="clip")
-        if not np.count_nonzero(step):
-            break
-        visited.append(at)
-        at = at + step
-    sound: NDArray[np.bool_] = at == start + length
-    # Unsound walks stray into other rows: none of their steps may be written.
-    steps = visited if sound.all() else [codes[sound] for codes in visited]
-    flat[np.concatenate(steps)] = 0
-    return sound

@@ -7,7 +7,7 @@ delimiters (every 00), frames, text, noise, cut ends; :class:`Stats` counts them
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, Final
@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.wire.continuity import continuity
-from hil.wire.frames import Batch, Chunks, batches, find_chunks, frame
+from hil.wire.frames import Chunks, frame, take_apart
 from hil.wire.messages import BY_NAME, MESSAGES, Message, WireError
-from hil.wire.records import Collector, Packer, Records
+from hil.wire.records import Packer, Records, records_of
 from hil.wire.schema import parse
 from hil.wire.text import TextLine, find_text
 
@@ -132,32 +132,24 @@ def decode(
     """
     stream = _as_bytes(data)
     table = MESSAGES if schema is None else parse(schema)
-    chunks = find_chunks(stream)
-    is_frame = np.zeros(len(chunks.start), np.bool_)
-    chunk_seq = np.zeros(len(chunks.start), np.uint16)
-    collectors = {m.id: Collector(m) for m in table}
-    unknown_types = 0
-    for batch in batches(stream, chunks):
-        is_frame[batch.chunk] = True
-        chunk_seq[batch.chunk] = batch.seq
-        for type_id, same in _by_type(batch):
-            if type_id in collectors:
-                collectors[type_id].add(same, chunks.start[same.chunk])
-            else:
-                unknown_types += len(same.chunk)
-    records = {m.name: collectors[m.id].finish() for m in table}
-    messages = {name: found for name, (found, _) in records.items()}
+    chunks, found = take_apart(stream, table)
+    is_frame = chunks.seq >= 0
+    records = {
+        m.name: records_of(m, *of_message)
+        for m, *of_message in zip(table, found.records, found.rows, strict=True)
+    }
+    messages = {name: of_frames for name, (of_frames, _) in records.items()}
     rest = _find_rest(stream, chunks, is_frame)
     hello, uptime_ms = _hellos(messages, chunks.start[is_frame])
-    numbers = continuity(chunk_seq[is_frame], hello, uptime_ms)
+    numbers = continuity(chunks.seq[is_frame].astype(np.uint16), hello, uptime_ms)
     return Decoded(
         messages=messages,
         groups={name: rows for name, (_, rows) in records.items() if rows is not None},
         text=tuple(rest.lines),
         stats=Stats(
             frames=int(np.count_nonzero(is_frame)),
-            unknown_types=unknown_types,
-            bad_lengths=sum(c.bad_lengths for c in collectors.values()),
+            unknown_types=found.unknown_types,
+            bad_lengths=found.bad_lengths,
             crc_errors=rest.broken_chunks,
             lost=numbers.lost,
             duplicated=numbers.duplicated,
@@ -204,16 +196,6 @@ def _as_bytes(data: bytes | bytearray | memoryview | NDArray[np.uint8]) -> NDArr
     if data.dtype != np.uint8 or data.ndim != 1:
         raise TypeError(f"a stream is uint8[n], not {data.dtype}{list(data.shape)}")
     return np.ascontiguousarray(data)
-
-
-def _by_type(batch: Batch) -> Iterator[tuple[int, Batch]]:
-    present = np.flatnonzero(np.bincount(batch.type))
-    for type_id in present.tolist():
-        if len(present) == 1:
-            yield type_id, batch
-        else:
-            same = batch.type == type_id
-            yield type_id, Batch(batch.chunk[same], batch.message[same])
 
 
 def _hellos(

@@ -140,7 +140,13 @@ NODE_COMMANDS: Final[Mapping[str, int]] = {
     "raw_on": 3,
     "raw_off": 4,
     "reboot": 5,
+    "fail_fatal": 240,
+    "fail_stack": 241,
+    "fail_hang": 242,
 }
+"""From 240 on: only of test builds, with BV_FAULT_COMMANDS."""
+
+LINK_KEY_ORIGINS: Final[Mapping[str, int]] = {"image": 0, "stored": 1}
 REP_KINDS: Final[Mapping[str, int]] = {"none": 0, "full": 1, "partial": 2}
 REP_FLAGS: Final[Mapping[str, int]] = {
     "correction": 1,
@@ -153,6 +159,7 @@ REP_FLAGS: Final[Mapping[str, int]] = {
 FAULT_CODES: Final[Mapping[str, int]] = {
     "assert": 1,
     "watchdog": 2,
+    "stack": 3,
     "imu_who_am_i": 16,
     "imu_bus": 17,
     "imu_no_interrupt": 18,
@@ -161,6 +168,7 @@ FAULT_CODES: Final[Mapping[str, int]] = {
     "ppi_exhausted": 33,
     "command_refused": 34,
     "fusion_overrun": 35,
+    "link_stranger": 36,
     "cal_bias_refused": 48,
     "cal_store": 49,
 }
@@ -472,6 +480,34 @@ MESSAGES: Final[tuple[Message, ...]] = (
                 "1",
                 "Mean velocity against the fastest full one up to it; NaN: partial, or the first.",
             ),
+        ),
+    ),
+    Message(
+        "link_key",
+        19,
+        "Host to node: the key that both nodes prove to each other; zeros: the image's own again.",
+        (Field("key", "u8", "1", "128 bits, from a source of randomness.", count=16),),
+    ),
+    Message(
+        "link_security",
+        20,
+        "How the link is kept to the one peer.",
+        (
+            Field("t_ticks_node", "u64", "tick", "When counted.", clock="node"),
+            Field("key", "u8", "1", "A value of LINK_KEY_ORIGINS: the one in force."),
+            Field("secure", "u8", "1", "1: the peer has proved the key, all is encrypted."),
+            Field("refused", "u32", "1", "Connections ended as the peer did not prove the key."),
+        ),
+    ),
+    Message(
+        "thread",
+        21,
+        "Stack of one thread; one thread a second, in turn.",
+        (
+            Field("t_ticks_node", "u64", "tick", "When measured.", clock="node"),
+            Field("name", "u8", "1", "ASCII, zero padded.", count=16),
+            Field("stack_size_b", "u32", "B", "Size of its stack."),
+            Field("stack_free_b", "u32", "B", "Never used since boot; in simulation meaningless."),
         ),
     ),
 )

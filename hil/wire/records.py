@@ -11,7 +11,6 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-from hil.wire.frames import Batch
 from hil.wire.messages import Field, Message, WireError
 
 Records = NDArray[np.void]
@@ -142,84 +141,22 @@ def _columns(fields: Sequence[Field]) -> Iterator[tuple[str, DTypeLike, tuple[in
         yield f.name, _NUMPY[f.type], (f.count,) if f.count > 1 else ()
 
 
-class Collector:
-    """Gathers the frames of one message and lays them out as records in the stream's order.
-
-    Until the end a record is a row of bytes: NumPy moves those many times faster than structures.
-    """
-
-    def __init__(self, message: Message) -> None:
-        self.bad_lengths = 0
-        self._message = message
-        self._record_type = record_type(message)
-        self._row_type = row_type(message) if message.group else np.dtype([])
-        self._records = [np.empty((0, self._record_type.itemsize), np.uint8)]
-        self._offsets = [np.empty(0, np.int64)]
-        self._rows = [np.empty((0, self._row_type.itemsize), np.uint8)]
-
-    def add(self, batch: Batch, offset: NDArray[np.int64]) -> None:
-        """Takes frames of this message; ``offset``, int64[n], is where each is in the stream.
-
-        Frames whose size is not the message's are counted and left out.
-        """
-        size, group = self._message.fixed_size, self._message.group
-        payload = batch.payload
-        row_count, excess = divmod(payload.shape[1] - size, group.size if group else 1)
-        most = group.max_count if group else 0
-        if excess or not 0 <= row_count <= most:
-            self.bad_lengths += len(payload)
-            return
-        records = _lay_out(payload[:, :size], self._record_type)
-        columns = _as_records(records, self._record_type)
-        columns["seq"] = batch.seq
-        columns["offset"] = offset
-        if group:
-            sound = columns[group.count_field] == row_count
-            if not sound.all():
-                self.bad_lengths += len(sound) - int(np.count_nonzero(sound))
-                records, offset, payload = records[sound], offset[sound], payload[sound]
-            rows = payload[:, size:].reshape(len(payload) * row_count, group.size)
-            self._rows.append(_lay_out(rows, self._row_type))
-        self._records.append(records)
-        self._offsets.append(offset)
-
-    def finish(self) -> tuple[Records, Records | None]:
-        """All records, and all rows of their groups if the message has one."""
-        records = np.concatenate(self._records)
-        offset = np.concatenate(self._offsets)
-        order = None
-        if np.any(offset[1:] < offset[:-1]):
-            order = np.argsort(offset, kind="stable")
-        rows = self._finish_rows(_as_records(records, self._record_type), order)
-        if order is not None:
-            records = records.take(order, axis=0)
-        return _as_records(records, self._record_type), rows
-
-    def _finish_rows(self, records: Records, order: NDArray[np.intp] | None) -> Records | None:
-        """Rows in the order that ``order`` brings their records into."""
-        group = self._message.group
-        if group is None:
-            return None
-        rows = np.concatenate(self._rows)
-        owner = np.repeat(np.arange(len(records)), records[group.count_field].astype(np.int64))
-        if order is not None:
-            rank = np.empty_like(order)
-            rank[order] = np.arange(len(order))
-            owner = rank[owner]
-            by_owner = np.argsort(owner, kind="stable")
-            owner, rows = owner[by_owner], rows.take(by_owner, axis=0)
-        columns = _as_records(rows, self._row_type)
-        columns["row"] = owner
-        return columns
+def records_of(
+    message: Message, records: NDArray[np.uint8], rows: NDArray[np.uint8]
+) -> tuple[Records, Records | None]:
+    """Bytes laid out as :func:`record_type` and :func:`row_type` say, as arrays of them."""
+    return records.view(record_type(message)), rows.view(
+        row_type(message)
+    ) if message.group else None
 
 
-def _lay_out(payload: NDArray[np.uint8], dtype: np.dtype[np.void]) -> NDArray[np.uint8]:
-    """Bytes of records that start with the rows of ``payload``; their other columns are not set."""
-    laid_out = np.empty((len(payload), dtype.itemsize), np.uint8)
-    laid_out[:, : payload.shape[1]] = payload
-    return laid_out
-
-
-def _as_records(rows: NDArray[np.uint8], dtype: np.dtype[np.void]) -> Records:
-    records: Records = rows.view(dtype)[:, 0]
-    return records
+def layout(message: Message) -> tuple[int, int, int, int, int, int]:
+    """The message as ``native/streams.hpp`` wants it: id, size of the fixed fields and of a row,
+    most rows, and where their count stands: offset and size."""
+    group = message.group
+    if group is None:
+        return message.id, message.fixed_size, 0, 0, 0, 0
+    sent = record_type(message).fields
+    assert sent is not None
+    kind, offset = sent[group.count_field][:2]
+    return message.id, message.fixed_size, group.size, group.max_count, offset, kind.itemsize

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from pathlib import Path
 
 import pytest
 
@@ -33,3 +34,11 @@ def images(build_environment: dict[str, str]) -> Mapping[str, Manifest]:
     """Both nodes' images as they are delivered, for the simulated board."""
     del build_environment
     return build.build_images({}, "sim")
+
+
+@pytest.fixture(scope="session")
+def stranger(images: Mapping[str, Manifest]) -> Path:
+    """A follower for the simulated board with another key than the pair's; it fails on command."""
+    del images
+    options = {"BV_LINK_KEY": "00112233445566778899aabbccddeeff", "BV_FAULT_COMMANDS": True}
+    return build.build("follower", "sim", options).file("exe")

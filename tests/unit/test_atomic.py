@@ -38,7 +38,7 @@ def test_others_may_read_it_as_the_umask_says(tmp_path: Path) -> None:
     assert stat.S_IMODE((tmp_path / "file").stat().st_mode) == 0o640
 
 
-@pytest.mark.parametrize("where", ["fsync", "chmod", "replace"])
+@pytest.mark.parametrize("where", ["fsync", "replace"])
 @pytest.mark.parametrize("what", [KeyboardInterrupt, OSError(28, "No space left on device")])
 def test_a_stop_on_the_way_leaves_the_old_file_alone(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, where: str, what: Any
@@ -54,6 +54,17 @@ def test_a_stop_on_the_way_leaves_the_old_file_alone(
         write_whole(path, NEW)
     assert path.read_bytes() == OLD
     assert list(tmp_path.iterdir()) == [path]
+
+
+def test_what_a_killed_writer_left_goes_after_an_hour(tmp_path: Path) -> None:
+    path = tmp_path / "file"
+    names = (".file.0123abcd", ".file.89abcdef", ".file.toml", ".other.01234567")
+    for name in names:
+        (tmp_path / name).write_bytes(OLD)
+        os.utime(tmp_path / name, (time.time() - 3700,) * 2)
+    os.utime(tmp_path / names[1])
+    write_whole(path, NEW)
+    assert {p.name for p in tmp_path.iterdir()} == {"file", *names[1:]}
 
 
 def test_data_is_on_the_disk_before_its_name(

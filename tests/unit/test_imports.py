@@ -28,7 +28,7 @@ FORBIDDEN: list[tuple[str, tuple[str, ...]]] = [
     ("hil.bench", ("hil.backends", "hil.report", "hil.measure")),
     *(
         (f"hil.{name}", ("hil.backends", "hil.bench", "pytest", "serial"))
-        for name in ("compare", "exchange", "history", "plot", "reps", "tuning", "truth")
+        for name in ("compare", "exchange", "faults", "history", "plot", "reps", "tuning", "truth")
     ),
     *(
         (f"hil.live.{name}", ("hil.backends", "hil.bench", "serial", "websockets", "asyncio"))
@@ -58,7 +58,7 @@ FORBIDDEN: list[tuple[str, tuple[str, ...]]] = [
 
 ONLY: list[tuple[str, tuple[str, ...]]] = [
     ("hil.wire", ("hil.wire",)),
-    ("hil.recording", ("hil.recording", "hil.wire", "hil.errors")),
+    ("hil.recording", ("hil.recording", "hil.atomic", "hil.wire", "hil.errors")),
 ]
 """(module or package, the only parts of hil that it may import)."""
 

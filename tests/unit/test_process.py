@@ -228,7 +228,7 @@ with Guard() as guard:
     folder.mkdir()
     (folder / "file").touch()
     sleeper = subprocess.Popen(["sleep", "1000"], start_new_session=True)
-    guard.watch_group(sleeper.pid)
+    guard.watch_session(sleeper.pid)
     print(sleeper.pid, flush=True)
     time.sleep(1000)
 """

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The codec: round trips, hostile bytes, and that its fast and its slow way agree."""
+"""The codec: round trips, hostile bytes, and another implementation on the same bytes."""
 
 from __future__ import annotations
 
+import binascii
 import math
 import random
 import struct
@@ -12,12 +13,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from cobs import cobs as other_cobs
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hil.wire import frames
 from hil.wire.codec import Decoded, Stats, decode, encode, encode_payload, physical
-from hil.wire.crc import crc16_rows
 from hil.wire.messages import BY_NAME, MESSAGES, TYPE_SIZES, Field, Message, WireError
 
 every_message = pytest.mark.parametrize("message", MESSAGES, ids=lambda m: m.name)
@@ -171,35 +172,28 @@ class TestRoundTrip:
             decode(np.zeros(3, np.int64))  # type: ignore[arg-type]
 
 
-class TestBothWays:
-    """Chunks worked on as rows of an array and one by one give the same."""
+class TestChunks:
+    """Chunks against another implementation's stuffing and CRC, one by one."""
 
     @pytest.mark.parametrize("seed", range(5))
-    def test_agree_on_a_damaged_stream(self, monkeypatch: pytest.MonkeyPatch, seed: int) -> None:
+    def test_a_damaged_stream_as_another_implementation_takes_it(self, seed: int) -> None:
         stream, _ = mixed_stream(3000, seed)
         data = np.frombuffer(stream, np.uint8).copy()
         rng = np.random.default_rng(seed)
         hit = rng.choice(len(data), 500, replace=False)
         data[hit] = rng.integers(0, 256, len(hit), np.uint8)
-        results = []
-        for rows_min in (1, frames.ROWS_MIN, len(data)):
-            monkeypatch.setattr(frames, "ROWS_MIN", rows_min)
-            results.append(decode(data))
-        assert results[0].stats.crc_errors > 100
-        assert_equal(results[0], results[1])
-        assert_equal(results[0], results[2])
+        chunks, _ = frames.take_apart(data, MESSAGES)
+        found = [
+            data[start : start + length].tobytes()
+            for start, length in zip(chunks.start, chunks.length, strict=True)
+        ]
+        assert found == [c for c in data.tobytes().split(b"\0")[1:-1] if c]
+        wanted = [other_seq(chunk) for chunk in found]
+        assert chunks.seq.tolist() == wanted
+        assert wanted.count(-1) > 100
 
-    def test_agree_on_the_size_of_a_block(self, monkeypatch: pytest.MonkeyPatch) -> None:
-        stream, _ = mixed_stream(2000, seed=7)
-        whole = decode(stream)
-        monkeypatch.setattr(frames, "BLOCK", 97)
-        assert_equal(decode(stream), whole)
-
-    def test_a_chunk_that_strays_into_its_neighbours_spoils_none(
-        self, monkeypatch: pytest.MonkeyPatch
-    ) -> None:
+    def test_a_chunk_that_strays_into_its_neighbours_spoils_none(self) -> None:
         """Codes that reach past the end of their chunk, among sound chunks of the same length."""
-        monkeypatch.setattr(frames, "ROWS_MIN", 1)
         good = [encode("attitude", example(BY_NAME["attitude"], seed), seed) for seed in range(40)]
         stray = bytearray(good[0])
         stray[1] = 0xFF
@@ -207,17 +201,46 @@ class TestBothWays:
         assert decoded.messages["attitude"]["seq"].tolist() == list(range(40))
         assert decoded.stats.crc_errors == 40
 
+    @pytest.mark.parametrize("size", [31, 253, 254, 255, 600])
     def test_a_chunk_that_is_not_stuffed_is_no_frame_though_its_crc_be_right(
-        self, monkeypatch: pytest.MonkeyPatch
+        self, size: int
     ) -> None:
-        """The CRC is that of the bytes as they stand, the code that reaches too far among them."""
-        monkeypatch.setattr(frames, "ROWS_MIN", 1)
-        row = np.frombuffer(b"\xff" + b"\xa5" * 31, np.uint8).reshape(1, -1)
-        crc = int(crc16_rows(row, zeros=1)[0])
-        chunk = row.tobytes() + crc.to_bytes(2, "little")
-        assert 0 not in chunk
-        stats = decode(b"\0" + chunk + b"\0\0").stats
-        assert (stats.frames, stats.crc_errors) == (0, 1)
+        """The CRC is that of the bytes as they stand, behind a code that reaches too far."""
+        for filler in range(1, 256):
+            body = bytes([filler]) * size
+            crc = binascii.crc_hqx(body, 0xFFFF).to_bytes(2, "little")
+            chunk = b"\xff" + body + crc
+            if 0 in chunk or other_seq(chunk) >= 0:
+                continue
+            stats = decode(b"\0" + chunk + b"\0\0").stats
+            assert (stats.frames, stats.crc_errors) == (0, 1)
+
+    @pytest.mark.parametrize("length", [1, 2, 9, 250, 251, 252, 253, 254, 255, 256, 506, 507, 1000])
+    def test_payloads_of_any_length_come_back(self, length: int) -> None:
+        """Around the lengths at which groups are full, dense and sparse in zeros."""
+        rng = random.Random(length)
+        field = Field("bytes", "u8", "", "", count=length)
+        table = (Message("any", 7, "", (field,)),)
+        for zeros in (0.0, 0.01, 0.5, 1.0):
+            payload = bytes(
+                0 if rng.random() < zeros else rng.randrange(1, 256) for _ in range(length)
+            )
+            data = np.frombuffer(frames.frame(7, 9, payload), np.uint8)
+            chunks, found = frames.take_apart(data, table)
+            assert chunks.seq.tolist() == [9]
+            assert found.records[0].tobytes() == payload + b"\x09\0" + bytes([1] + [0] * 7)
+
+
+def other_seq(chunk: bytes) -> int:
+    """The number of the frame that a chunk is, or -1."""
+    try:
+        message = other_cobs.decode(chunk)
+    except other_cobs.DecodeError:
+        return -1
+    if len(message) < 5 or len(chunk) > frames.CHUNK_LIMIT:
+        return -1
+    sound = binascii.crc_hqx(message[:-2], 0xFFFF) == int.from_bytes(message[-2:], "little")
+    return int.from_bytes(message[1:3], "little") if sound else -1
 
 
 class TestHostileBytes:

@@ -23,7 +23,7 @@ import pytest
 from cobs import cobs
 
 from hil.wire.codec import decode, encode, encode_payload
-from hil.wire.frames import batches, find_chunks, frame
+from hil.wire.frames import frame, take_apart
 from hil.wire.messages import BY_NAME, MESSAGES, Field, Message, schema_hash
 
 ROOT = Path(__file__).parents[2]
@@ -126,12 +126,13 @@ class Python(Implementation):
 
     def receive(self, stream: bytes) -> list[Frame]:
         data = np.frombuffer(stream, np.uint8)
-        found: dict[int, Frame] = {}
-        for batch in batches(data, find_chunks(data)):
-            rows = zip(batch.chunk, batch.type, batch.seq, batch.payload, strict=True)
-            for chunk, type_id, seq, payload in rows:
-                found[int(chunk)] = int(type_id), int(seq), payload.tobytes()
-        return [found[chunk] for chunk in sorted(found)]
+        chunks, _ = take_apart(data, MESSAGES)
+        found = []
+        for start, length, seq in zip(chunks.start, chunks.length, chunks.seq, strict=True):
+            if seq >= 0:
+                message = cobs.decode(stream[start : start + length])
+                found.append((message[0], int(seq), message[3:-2]))
+        return found
 
 
 C_NUMBERS = {

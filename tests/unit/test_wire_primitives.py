@@ -4,16 +4,14 @@
 from __future__ import annotations
 
 import binascii
-import random
 
-import numpy as np
 import pytest
 from cobs import cobs as other_cobs
 from hypothesis import given
 from hypothesis import strategies as st
 
 from hil.wire import cobs
-from hil.wire.crc import crc16, crc16_rows
+from hil.wire.crc import crc16
 from hil.wire.text import TextLine, find_text
 
 
@@ -24,16 +22,6 @@ class TestCrc:
     @given(st.binary(max_size=300))
     def test_agrees_with_the_standard_library(self, data: bytes) -> None:
         assert crc16(data) == binascii.crc_hqx(data, 0xFFFF)
-
-    @pytest.mark.parametrize("zeros", [0, 1, 2, 3])
-    @pytest.mark.parametrize("size", range(1, 40))
-    def test_rows_agree_whatever_zeros_lead_them(self, size: int, zeros: int) -> None:
-        rng = random.Random(size)
-        parity = (size + zeros) % 2
-        messages = [rng.randbytes(size + parity) for _ in range(20)]
-        rows = b"".join(bytes(zeros) + m for m in messages)
-        found = crc16_rows(np.frombuffer(rows, np.uint8).reshape(20, -1), zeros)
-        assert found.tolist() == [binascii.crc_hqx(m, 0xFFFF) for m in messages]
 
 
 lumpy = st.lists(
@@ -66,27 +54,6 @@ class TestCobs:
         except other_cobs.DecodeError:
             wanted = None
         assert cobs.unstuff(chunk) == wanted
-
-    @pytest.mark.parametrize("length", [1, 2, 9, 100, cobs.ROW_LIMIT])
-    def test_rows_agree_with_one_by_one(self, length: int) -> None:
-        """Sound chunks among random ones, whose walks end anywhere."""
-        rng = random.Random(length)
-        chunks = []
-        for _ in range(200):
-            message = bytes(rng.choice((0, rng.randrange(256))) for _ in range(length - 1))
-            noise = bytes(rng.randrange(1, 256) for _ in range(length))
-            chunks += [cobs.stuff(message), noise]
-        rows = np.frombuffer(b"".join(b"\0" + c + b"\0" for c in chunks), np.uint8)
-        rows = rows.reshape(len(chunks), -1).copy()
-        before = rows.copy()
-        sound = cobs.unstuff_rows(rows, 1, length)
-        wanted = [cobs.unstuff(c) for c in chunks]
-        assert sound.tolist() == [w is not None for w in wanted]
-        assert np.count_nonzero(sound) >= 200
-        messages = [w for w in wanted if w is not None]
-        for row, message in zip(rows[sound], messages, strict=True):
-            assert row[2 : 1 + length].tobytes() == message
-        assert np.array_equal(rows[~sound], before[~sound])
 
 
 class TestText:

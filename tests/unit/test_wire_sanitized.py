@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The C library under AddressSanitizer and UndefinedBehaviorSanitizer, on hostile bytes."""
+"""The C library and the bulk decoder under both sanitizers, on hostile bytes."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 
 from hil.wire.codec import decode
-from hil.wire.frames import find_chunks, frame
+from hil.wire.frames import frame, take_apart
 from hil.wire.messages import MESSAGES
+from hil.wire.records import layout
 
 ROOT = Path(__file__).parents[2]
 WIRE = ROOT / "firmware" / "lib" / "wire"
@@ -58,7 +59,7 @@ def run(program: Path, stream: bytes) -> tuple[int, int]:
 def counted(stream: bytes) -> tuple[int, int]:
     """The same, as the Python codec says."""
     frames = decode(stream).stats.frames
-    return frames, len(find_chunks(np.frombuffer(stream, np.uint8)).start) - frames
+    return frames, len(take_apart(np.frombuffer(stream, np.uint8), ())[0].start) - frames
 
 
 def any_frames(rng: random.Random, count: int) -> list[bytes]:
@@ -99,9 +100,54 @@ def test_random_bytes(stress: Path, zeros: float) -> None:
     data = rng.integers(0, 256, 1_000_000, np.uint8)
     data[rng.random(len(data)) < zeros] = 0
     frames, rejected = run(stress, data.tobytes())
-    assert frames + rejected == len(find_chunks(data).start)
+    assert frames + rejected == len(take_apart(data, ())[0].start)
 
 
 def test_one_chunk_without_end(stress: Path) -> None:
     assert run(stress, b"\0" + b"\xff" * 1_000_000) == (0, 0)
     assert run(stress, b"\0" + b"\x01" * 1_000_000 + b"\0") == (0, 1)
+
+
+@pytest.fixture(scope="module")
+def bulk(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    program = tmp_path_factory.mktemp("streams") / "streams_stress"
+    native = ROOT / "hil" / "wire" / "native"
+    subprocess.run(
+        [
+            *(os.environ.get("CXX", "c++"), "-std=c++17", "-Wall", "-Wextra", "-Wconversion"),
+            *("-Werror", "-g", "-O1", "-fsanitize=address,undefined", "-D_GLIBCXX_ASSERTIONS"),
+            *("-fno-sanitize-recover=all", f"-I{native}", str(native / "streams.cpp")),
+            *(str(ROOT / "tests/unit/c/streams_stress.cpp"), "-o", str(program)),
+        ],
+        check=True,
+    )
+    return program
+
+
+@pytest.mark.parametrize("kind", ["sound", "damaged", "noise", "empty", "long"])
+def test_bulk_decoder(bulk: Path, kind: str) -> None:
+    rng = np.random.default_rng(3)
+    data = np.frombuffer(b"".join(any_frames(random.Random(4), 4000)), np.uint8).copy()
+    if kind == "damaged":
+        hit = rng.choice(len(data), len(data) // 40, replace=False)
+        data[hit] = rng.choice(np.array([0, 1, 0xFE, 0xFF, 0x55], np.uint8), len(hit))
+    elif kind == "noise":
+        data = rng.integers(0, 256, 500_000, np.uint8)
+        data[rng.random(len(data)) < rng.random(len(data)) / 5] = 0
+    elif kind == "empty":
+        data = data[:0]
+    elif kind == "long":
+        data = np.repeat(np.array([0, 0xFF, 0, 1, 0, 2, 0], np.uint8), 5000)
+    layouts = [",".join(map(str, layout(message))) for message in MESSAGES]
+    done = subprocess.run(
+        [str(bulk), *layouts], input=data.tobytes(), capture_output=True, check=False
+    )
+    assert done.returncode == 0, done.stderr.decode(errors="replace")
+    chunks, frames, unknown_types, bad_lengths = map(int, done.stdout.split())
+    stats = decode(data).stats
+    assert (frames, unknown_types, bad_lengths) == (
+        stats.frames,
+        stats.unknown_types,
+        stats.bad_lengths,
+    )
+    assert chunks == len([c for c in data.tobytes().split(b"\0")[1:-1] if c])

@@ -9,62 +9,17 @@ holds is that decoding stays vectorised.
 from __future__ import annotations
 
 import random
-import struct
 import time
-from collections import defaultdict
 from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
-from cobs import cobs
-from fastcrc.crc16 import ibm_3740
 
+from benchmarks.by_loop import decode_by_loop
 from hil.wire.codec import Decoded, decode, encode
-from hil.wire.messages import BY_NAME, MESSAGES, Field
+from hil.wire.messages import BY_NAME, MESSAGES
 
 LEAST_RATIO = 2.5
-
-STRUCT = {
-    "u8": "B",
-    "i8": "b",
-    "u16": "H",
-    "i16": "h",
-    "u32": "I",
-    "i32": "i",
-    "f32": "f",
-    "u64": "Q",
-    "i64": "q",
-}
-
-
-def unpacker(fields: tuple[Field, ...]) -> struct.Struct:
-    return struct.Struct("<" + "".join(f"{f.count}{STRUCT[f.type]}" for f in fields))
-
-
-FIXED = {m.id: unpacker(m.fields) for m in MESSAGES}
-ROWS = {m.id: unpacker(m.group.fields) for m in MESSAGES if m.group}
-
-
-def decode_by_loop(data: bytes) -> tuple[dict[int, list[Any]], dict[int, list[Any]], int]:
-    """Records and rows by type, and frames lost."""
-    records: dict[int, list[Any]] = defaultdict(list)
-    rows: dict[int, list[Any]] = defaultdict(list)
-    offset = lost = 0
-    last = None
-    for chunk in data.split(b"\0"):
-        if chunk:
-            message = cobs.decode(chunk)
-            if ibm_3740(message[:-2]) != message[-2] | message[-1] << 8:
-                raise AssertionError("the stream is sound")
-            type_id, seq = message[0], message[1] | message[2] << 8
-            lost += 0 if last is None else (seq - last - 1) & 0xFFFF
-            last = seq
-            fixed = FIXED[type_id]
-            records[type_id].append((*fixed.unpack_from(message, 3), seq, offset))
-            if type_id in ROWS:
-                rows[type_id] += ROWS[type_id].iter_unpack(message[3 + fixed.size : -2])
-        offset += len(chunk) + 1
-    return records, rows, lost
 
 
 def nodes_stream(count: int) -> Iterator[bytes]:

@@ -47,7 +47,8 @@ uint8_t lsm6dsox_rate_code(uint32_t rate_hz)
 {
 	const float octaves = log2f(TOP_RATE_HZ / (float)MAX(rate_hz, 1U));
 
-	return (uint8_t)(TOP_RATE_CODE - CLAMP(lrintf(octaves), 0, (int)TOP_RATE_CODE - 1));
+	return (uint8_t)((int)TOP_RATE_CODE -
+			 CLAMP((int)lrintf(octaves), 0, (int)TOP_RATE_CODE - 1));
 }
 
 float lsm6dsox_rate_hz(uint8_t rate_code, int8_t freq_fine)
@@ -132,14 +133,14 @@ static void stream_settings(const struct lsm6dsox_settings *s,
 		REGISTER(LSM6DSOX_FIFO_CTRL1, lsm6dsox_fifo_ctrl1_t,
 			 .wtm = (uint8_t)(s->watermark_words & 0xFFU)),
 		REGISTER(LSM6DSOX_FIFO_CTRL2, lsm6dsox_fifo_ctrl2_t,
-			 .wtm = (uint8_t)(s->watermark_words >> 8), .odrchg_en = 1),
-		REGISTER(LSM6DSOX_FIFO_CTRL3, lsm6dsox_fifo_ctrl3_t, .bdr_xl = s->rate_code,
-			 .bdr_gy = s->rate_code),
+			 .wtm = (s->watermark_words >> 8) & 1U, .odrchg_en = 1),
+		REGISTER(LSM6DSOX_FIFO_CTRL3, lsm6dsox_fifo_ctrl3_t, .bdr_xl = s->rate_code & 0xFU,
+			 .bdr_gy = s->rate_code & 0xFU),
 		REGISTER(LSM6DSOX_INT1_CTRL, lsm6dsox_int1_ctrl_t, .int1_fifo_th = 1),
-		REGISTER(LSM6DSOX_CTRL2_G, lsm6dsox_ctrl2_g_t, .odr_g = s->rate_code,
-			 .fs_g = gyro_fs_bits(s->gyro_fs_dps)),
-		REGISTER(LSM6DSOX_CTRL1_XL, lsm6dsox_ctrl1_xl_t, .odr_xl = s->rate_code,
-			 .fs_xl = accel_fs_bits(s->accel_fs_g)),
+		REGISTER(LSM6DSOX_CTRL2_G, lsm6dsox_ctrl2_g_t, .odr_g = s->rate_code & 0xFU,
+			 .fs_g = gyro_fs_bits(s->gyro_fs_dps) & 7U),
+		REGISTER(LSM6DSOX_CTRL1_XL, lsm6dsox_ctrl1_xl_t, .odr_xl = s->rate_code & 0xFU,
+			 .fs_xl = accel_fs_bits(s->accel_fs_g) & 3U),
 		/* Last: the FIFO starts with both sensors running, on a slot's first word. */
 		REGISTER(LSM6DSOX_FIFO_CTRL4, lsm6dsox_fifo_ctrl4_t,
 			 .fifo_mode = LSM6DSOX_STREAM_MODE),
@@ -205,8 +206,8 @@ int lsm6dsox_config_wake(struct lsm6dsox_bus *bus, const struct lsm6dsox_setting
 		/* Low power: the accelerometer alone, out of high-performance mode. */
 		REGISTER(LSM6DSOX_CTRL6_C, lsm6dsox_ctrl6_c_t, .xl_hm_mode = 1),
 		REGISTER(LSM6DSOX_WAKE_UP_THS, lsm6dsox_wake_up_ths_t,
-			 .wk_ths = (uint8_t)CLAMP(256U * s->wake_mg / WAKE_CHANGE_MG_PER_256_STEPS,
-						  1U, 63U)),
+			 .wk_ths = CLAMP(256U * s->wake_mg / WAKE_CHANGE_MG_PER_256_STEPS,
+						  1U, 63U) & 0x3FU),
 		REGISTER(LSM6DSOX_WAKE_UP_DUR, lsm6dsox_wake_up_dur_t, .wake_ths_w = 1),
 		/* Latched, so that a short event is not missed; read WAKE_UP_SRC to release. */
 		REGISTER(LSM6DSOX_TAP_CFG0, lsm6dsox_tap_cfg0_t, .lir = 1, .int_clr_on_read = 1),

@@ -14,6 +14,7 @@
 
 #define RECORD_ID 1U
 #define MARK_ID   2U
+#define KEY_ID    3U
 
 #define SECTOR_SIZE 4096U
 #define AREA_OFFSET FIXED_PARTITION_OFFSET(storage_partition)
@@ -76,7 +77,7 @@ static uint32_t word_at(uint32_t at)
 {
 	uint32_t word = 0;
 
-	(void)flash_read(nvs.flash_device, AREA_OFFSET + at, &word, sizeof(word));
+	(void)flash_read(nvs.flash_device, (off_t)(AREA_OFFSET + at), &word, sizeof(word));
 	return word;
 }
 
@@ -117,10 +118,10 @@ static bool find(struct wire_cal_record *record, uint32_t *crc32)
 		uint8_t bytes[CALIB_RECORD_SIZE];
 		uint32_t crc;
 
-		if (flash_read(nvs.flash_device, AREA_OFFSET + at, bytes,
+		if (flash_read(nvs.flash_device, (off_t)(AREA_OFFSET + at), bytes,
 			       CALIB_RECORD_HEADER_SIZE) != 0 ||
 		    wire_get_u16(bytes) != CALIB_RECORD_MAGIC ||
-		    flash_read(nvs.flash_device, AREA_OFFSET + at, bytes, sizeof(bytes)) != 0 ||
+		    flash_read(nvs.flash_device, (off_t)(AREA_OFFSET + at), bytes, sizeof(bytes)) != 0 ||
 		    calib_record_decode(&one, &crc, bytes, sizeof(bytes), device_id) !=
 			    WIRE_CAL_REASON_NONE) {
 			continue;
@@ -209,6 +210,35 @@ int calib_store_save(const struct wire_cal_record *record)
 		}
 	}
 	return err;
+}
+
+int calib_store_get_key(uint8_t key[CALIB_STORE_KEY_SIZE])
+{
+	/* A cleared store has none, one that holds a damaged page may have had one. */
+	const ssize_t len = mounted ? nvs_read(&nvs, KEY_ID, key, CALIB_STORE_KEY_SIZE) : -EIO;
+
+	if (len == -ENOENT) {
+		return -ENOENT;
+	}
+	return len == (ssize_t)CALIB_STORE_KEY_SIZE ? 0 : -EIO;
+}
+
+int calib_store_put_key(const uint8_t key[CALIB_STORE_KEY_SIZE])
+{
+	uint8_t back[CALIB_STORE_KEY_SIZE];
+	ssize_t len;
+
+	if (!mounted) {
+		return -EIO;
+	}
+	if (key == NULL) {
+		return nvs_delete(&nvs, KEY_ID);
+	}
+	len = nvs_write(&nvs, KEY_ID, key, CALIB_STORE_KEY_SIZE);
+	if (len < 0) {
+		return (int)len;
+	}
+	return calib_store_get_key(back) == 0 && memcmp(back, key, sizeof(back)) == 0 ? 0 : -EIO;
 }
 
 int calib_store_erase(void)

@@ -23,6 +23,8 @@
 extern "C" {
 #endif
 
+#define CALIB_STORE_KEY_SIZE 16U
+
 #if defined(CONFIG_BV_CAL_STORE)
 
 /**
@@ -51,6 +53,12 @@ uint8_t calib_store_load(struct wire_cal_record *record, uint32_t *crc32);
  */
 int calib_store_save(const struct wire_cal_record *record);
 
+/** Read the link's key, 16 bytes. @return 0; -ENOENT when there is none; -EIO. */
+int calib_store_get_key(uint8_t key[CALIB_STORE_KEY_SIZE]);
+
+/** Write the link's key, NULL: forget it. @return 0, or a negative errno of the flash. */
+int calib_store_put_key(const uint8_t key[CALIB_STORE_KEY_SIZE]);
+
 /** Forget the record. @return 0, or a negative errno when it is still there. */
 int calib_store_erase(void);
 
@@ -72,6 +80,18 @@ static inline uint8_t calib_store_load(struct wire_cal_record *record, uint32_t 
 static inline int calib_store_save(const struct wire_cal_record *record)
 {
 	(void)record;
+	return -ENOTSUP;
+}
+
+static inline int calib_store_get_key(uint8_t key[CALIB_STORE_KEY_SIZE])
+{
+	(void)key;
+	return -ENOTSUP;
+}
+
+static inline int calib_store_put_key(const uint8_t key[CALIB_STORE_KEY_SIZE])
+{
+	(void)key;
 	return -ENOTSUP;
 }
 

@@ -130,6 +130,41 @@ void diag_report_system(void)
 	diag_uart_frame(WIRE_SYSTEM_ID, payload, wire_system_put(payload, &system));
 }
 
+struct turn {
+	uint32_t wanted;
+	uint32_t at;
+	struct wire_thread thread;
+};
+
+static void take_in_turn(const struct k_thread *thread, void *user)
+{
+	struct turn *turn = user;
+	const char *name = k_thread_name_get((k_tid_t)thread);
+	size_t free_b = 0;
+
+	if (turn->at++ != turn->wanted || k_thread_stack_space_get(thread, &free_b) != 0) {
+		return;
+	}
+	if (name != NULL) {
+		memcpy(turn->thread.name, name, MIN(strlen(name), sizeof(turn->thread.name)));
+	}
+	turn->thread.stack_size_b = (uint32_t)thread->stack_info.size;
+	turn->thread.stack_free_b = (uint32_t)free_b;
+}
+
+void diag_report_thread(void)
+{
+	static uint32_t next;
+	struct turn turn = {.wanted = next, .thread.t_ticks_node = sync_timer_now_ticks()};
+	uint8_t payload[WIRE_THREAD_SIZE];
+
+	k_thread_foreach_unlocked(take_in_turn, &turn);
+	next = next + 1U < turn.at ? next + 1U : 0U;
+	if (turn.thread.stack_size_b > 0U) {
+		diag_uart_frame(WIRE_THREAD_ID, payload, wire_thread_put(payload, &turn.thread));
+	}
+}
+
 void diag_report_fault(uint16_t code, uint32_t argument, const char *detail)
 {
 	struct wire_fault fault = {

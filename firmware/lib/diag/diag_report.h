@@ -26,6 +26,9 @@ void diag_report_hello(void);
 /** Send SYSTEM; the CPU load is that since the last call. Once a second. */
 void diag_report_system(void);
 
+/** Send THREAD of the next thread in turn. Once a second. */
+void diag_report_thread(void);
+
 /**
  * Send FAULT.
  *

@@ -6,6 +6,7 @@
 #include "diag_report.h"
 #include "fusion_frames.h"
 #include "node.h"
+#include "watchdog.h"
 
 K_MSGQ_DEFINE(batches, sizeof(struct wire_imu_batch), CONFIG_BV_FUSION_QUEUE_DEPTH, 8);
 
@@ -21,7 +22,9 @@ static void fusion_thread(void *p1, void *p2, void *p3)
 	ARG_UNUSED(p3);
 	for (;;) {
 		(void)k_msgq_get(&batches, &batch, K_FOREVER);
+		watchdog_begin(WATCHDOG_FUSION);
 		fusion_frames_take(&batch);
+		watchdog_end(WATCHDOG_FUSION);
 	}
 }
 

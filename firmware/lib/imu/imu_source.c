@@ -11,6 +11,7 @@
 #include "imu_decimate.h"
 #include "lsm6dsox.h"
 #include "sync_timer.h"
+#include "watchdog.h"
 
 #define STATS_PERIOD K_SECONDS(1)
 
@@ -81,7 +82,9 @@ static void on_decimated(void *context, const struct wire_imu_batch *batch)
 
 static void on_batch(const struct wire_imu_batch *batch)
 {
+	watchdog_begin(WATCHDOG_SENSOR);
 	imu_decimate_push(&decimate, batch, on_decimated, NULL);
+	watchdog_end(WATCHDOG_SENSOR);
 }
 
 static uint8_t decimation(uint32_t rate_hz)

@@ -12,6 +12,8 @@
 #include <zephyr/sys/byteorder.h>
 
 #include "link_role.h"
+#include "link_security.h"
+#include "watchdog.h"
 
 #define CONN_INTERVAL_UNIT_US 1250U
 #define RSSI_UNKNOWN          127
@@ -105,7 +107,9 @@ void link_receive(const void *value, uint16_t len)
 {
 	const uint8_t *bytes = value;
 
-	if (len < 1U || !callbacks->message(bytes[0], bytes + 1, len - 1U)) {
+	/* What a stranger says is not even looked at. */
+	if (len < 1U || !link_security_is_proved() ||
+	    !callbacks->message(bytes[0], bytes + 1, len - 1U)) {
 		atomic_inc(&bad_payloads);
 	}
 }
@@ -142,6 +146,8 @@ static void drain_queue(struct bt_conn *conn)
 	static struct value value;
 
 	while (atomic_get(&is_connected)) {
+		int err;
+
 		(void)k_msgq_get(&tx_queue, &value, K_FOREVER);
 		if (atomic_cas(&drop_wanted, 1, 0)) {
 			(void)bt_conn_disconnect(conn, BT_HCI_ERR_REMOTE_USER_TERM_CONN);
@@ -149,7 +155,10 @@ static void drain_queue(struct bt_conn *conn)
 		if (value.len == 0U || !atomic_get(&is_connected)) {
 			continue;
 		}
-		if (link_role_transmit(conn, value.bytes, value.len) != 0) {
+		watchdog_begin(WATCHDOG_LINK);
+		err = link_role_transmit(conn, value.bytes, value.len);
+		watchdog_end(WATCHDOG_LINK);
+		if (err) {
 			atomic_inc(&tx_dropped);
 		} else if (value.bytes[0] == WIRE_IMU_BATCH_ID) {
 			atomic_inc(&batches_sent);
@@ -187,7 +196,10 @@ static void link_thread(void *p1, void *p2, void *p3)
 	ARG_UNUSED(p3);
 	(void)k_sem_take(&bluetooth_ready, K_FOREVER);
 	for (;;) {
-		k_sleep(K_MSEC(atomic_clear(&hold_ms)));
+		/* K_MSEC evaluates its argument twice. */
+		const atomic_val_t hold = atomic_clear(&hold_ms);
+
+		k_sleep(K_MSEC(hold));
 		k_sem_reset(&attempt_ended);
 		if (link_role_seek() != 0 || k_sem_take(&attempt_ended, CONNECT_TIMEOUT) != 0 ||
 		    last_connect_error != 0U) {
@@ -209,6 +221,9 @@ int link_start(const struct link_callbacks *application)
 
 	callbacks = application;
 	err = bt_enable(NULL);
+	if (!err) {
+		err = link_security_enable();
+	}
 	if (!err) {
 		k_sem_give(&bluetooth_ready);
 	}

@@ -8,6 +8,7 @@
 
 #include "link.h"
 #include "link_role.h"
+#include "link_security.h"
 
 /* ATT itself gives up after 30 s; a link that takes this long is started over. */
 #define STEP_TIMEOUT K_SECONDS(5)
@@ -21,10 +22,54 @@ static uint16_t service_end_handle;
 static uint16_t to_leader_handle;
 static uint16_t to_follower_handle;
 
+/*
+ * Whoever did not prove the key is left aside for a while, each time longer, so that the right one,
+ * who advertises no less often, is found.
+ */
+#define STRANGERS        4U
+#define STRANGER_WAIT_MS 1000
+#define WAIT_SHIFT_MAX   6U
+
+static struct {
+	bt_addr_le_t address;
+	int64_t until_ms;
+	uint32_t times;
+} strangers[STRANGERS];
+
 static K_SEM_DEFINE(peer_found, 0, 1);
 /* One step of the set-up at a time has ended. */
 static K_SEM_DEFINE(step_ended, 0, 1);
 static volatile uint8_t step_error;
+
+/* In the link thread, while nobody scans. */
+static void strangers_add(const bt_addr_le_t *address)
+{
+	uint32_t at = 0;
+
+	for (uint32_t i = 0; i < STRANGERS; i++) {
+		if (bt_addr_le_eq(&strangers[i].address, address)) {
+			at = i;
+			break;
+		}
+		at = strangers[i].until_ms < strangers[at].until_ms ? i : at;
+	}
+	if (!bt_addr_le_eq(&strangers[at].address, address)) {
+		strangers[at].times = 0;
+		bt_addr_le_copy(&strangers[at].address, address);
+	}
+	strangers[at].until_ms = k_uptime_get() + ((int64_t)STRANGER_WAIT_MS << strangers[at].times);
+	strangers[at].times += strangers[at].times < WAIT_SHIFT_MAX ? 1U : 0U;
+}
+
+static bool is_left_aside(const bt_addr_le_t *address)
+{
+	for (uint32_t i = 0; i < STRANGERS; i++) {
+		if (bt_addr_le_eq(&strangers[i].address, address)) {
+			return k_uptime_get() < strangers[i].until_ms;
+		}
+	}
+	return false;
+}
 
 static bool is_service(struct bt_data *data, void *found)
 {
@@ -45,7 +90,8 @@ static void on_advertisement(const bt_addr_le_t *address, int8_t rssi, uint8_t t
 	bool found = false;
 
 	ARG_UNUSED(rssi);
-	if (type != BT_GAP_ADV_TYPE_ADV_IND && type != BT_GAP_ADV_TYPE_ADV_DIRECT_IND) {
+	if ((type != BT_GAP_ADV_TYPE_ADV_IND && type != BT_GAP_ADV_TYPE_ADV_DIRECT_IND) ||
+	    is_left_aside(address)) {
 		return;
 	}
 	bt_data_parse(data, is_service, &found);
@@ -251,8 +297,16 @@ static int subscribe(struct bt_conn *conn)
 
 int link_role_setup(struct bt_conn *conn)
 {
-	int err = raise_phy(conn);
+	int err = link_security_wait(conn);
 
+	if (err == -ENOTCONN) {
+		return err;
+	}
+	if (err) {
+		strangers_add(&peer);
+		return err;
+	}
+	err = raise_phy(conn);
 	if (!err) {
 		err = bt_conn_le_data_len_update(conn, BT_LE_DATA_LEN_PARAM_MAX);
 	}

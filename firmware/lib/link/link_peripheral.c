@@ -7,6 +7,7 @@
 
 #include "link.h"
 #include "link_role.h"
+#include "link_security.h"
 
 /* Long enough for the leader's whole set-up over a bad channel. */
 #define SUBSCRIBE_TIMEOUT K_SECONDS(10)
@@ -52,10 +53,11 @@ static void on_subscription(const struct bt_gatt_attr *attr, uint16_t value)
 BT_GATT_SERVICE_DEFINE(link_service, BT_GATT_PRIMARY_SERVICE(&service_uuid),
 		       BT_GATT_CHARACTERISTIC(&to_leader_uuid.uuid, BT_GATT_CHRC_NOTIFY,
 					      BT_GATT_PERM_NONE, NULL, NULL, NULL),
-		       BT_GATT_CCC(on_subscription, BT_GATT_PERM_READ | BT_GATT_PERM_WRITE),
+		       BT_GATT_CCC(on_subscription,
+				   BT_GATT_PERM_READ_AUTHEN | BT_GATT_PERM_WRITE_AUTHEN),
 		       BT_GATT_CHARACTERISTIC(&to_follower_uuid.uuid,
 					      BT_GATT_CHRC_WRITE_WITHOUT_RESP,
-					      BT_GATT_PERM_WRITE, NULL, on_write, NULL), );
+					      BT_GATT_PERM_WRITE_AUTHEN, NULL, on_write, NULL), );
 
 /* Attribute of the notify characteristic's value, by its place in the table above. */
 #define TO_LEADER_ATTR (&link_service.attrs[2])
@@ -77,7 +79,11 @@ int link_role_seek(void)
 
 int link_role_setup(struct bt_conn *conn)
 {
-	int err = k_sem_take(&subscribed, SUBSCRIBE_TIMEOUT);
+	int err = link_security_wait(conn);
+
+	if (!err) {
+		err = k_sem_take(&subscribed, SUBSCRIBE_TIMEOUT);
+	}
 
 	/* Each side grants only what it receives. Without this the follower, whose batches are long,
 	 * would send them in pieces of 27 bytes. The leader's own procedures are over by now.

@@ -11,7 +11,11 @@
 #include "diag_csv.h"
 #include "diag_report.h"
 #include "diag_uart.h"
+#include "fail.h"
+#include "last_words.h"
+#include "link_security.h"
 #include "sync_timer.h"
+#include "watchdog.h"
 
 #define REPORT_PERIOD_MS 1000
 /* HELLO comes with every second report. */
@@ -113,7 +117,8 @@ static int take_node_command(uint8_t command)
 		diag_uart_close();
 		sys_reboot(SYS_REBOOT_COLD);
 	}
-	return cal_command(command);
+	return command >= WIRE_NODE_COMMAND_FAIL_FATAL ? fail_command(command)
+						       : cal_command(command);
 }
 
 static int take_command(uint8_t type, const uint8_t *payload, size_t len)
@@ -122,6 +127,7 @@ static int take_command(uint8_t type, const uint8_t *payload, size_t len)
 	struct wire_link_drop drop;
 	struct wire_cal_record record;
 	struct wire_node_command node;
+	struct wire_link_key key;
 
 	if (type == WIRE_IMU_SETUP_ID && wire_imu_setup_get(&setup, payload, len)) {
 		return imu_source_setup(&setup);
@@ -135,6 +141,14 @@ static int take_command(uint8_t type, const uint8_t *payload, size_t len)
 	}
 	if (type == WIRE_NODE_COMMAND_ID && wire_node_command_get(&node, payload, len)) {
 		return take_node_command(node.command);
+	}
+	if (type == WIRE_LINK_KEY_ID && wire_link_key_get(&key, payload, len)) {
+		const int err = link_security_take_key(&key);
+
+		if (!err) {
+			link_drop(0);
+		}
+		return err;
 	}
 	return -EBADMSG;
 }
@@ -164,6 +178,8 @@ static void start(const struct node_config *config)
 
 	/* In any case, so that what CAL status says is true. */
 	cal_init(diag_report_device_id());
+	(void)check(link_security_init(), WIRE_FAULT_CODE_CAL_STORE,
+		    "link's key cannot be read: no peer");
 	if (!timed) {
 		return;
 	}
@@ -187,18 +203,26 @@ _Noreturn void node_run(const struct node_config *config)
 	/* First of all, so that a reader knows who speaks; before any other frame. */
 	diag_report_hello();
 	diag_csv_header();
+	(void)check(watchdog_start(), WIRE_FAULT_CODE_WATCHDOG, "watchdog did not start");
 	start(config);
+	if (IS_ENABLED(CONFIG_BV_HEALTH)) {
+		last_words_report();
+	}
 	report_failure();
 	cal_report();
 	for (uint32_t reports = 1;; reports++) {
 		next_ms += REPORT_PERIOD_MS;
 		k_sleep(K_TIMEOUT_ABS_MS(next_ms));
+		watchdog_begin(WATCHDOG_MAIN);
 		if (reports % REPORTS_PER_HELLO == 0U) {
 			say_hello();
 		}
 		cal_report();
 		diag_report_system();
+		diag_report_thread();
 		report_link(config);
+		link_security_report();
 		config->every_second();
+		watchdog_end(WATCHDOG_MAIN);
 	}
 }

@@ -20,7 +20,7 @@
 #include <string.h>
 
 #define WIRE_PROTOCOL_VERSION 1u
-#define WIRE_SCHEMA_HASH UINT64_C(0x039734536DD11BCF)
+#define WIRE_SCHEMA_HASH UINT64_C(0x77192D048B87FC0A)
 #define WIRE_TICK_RATE_HZ 16000000u
 /* Size of the largest payload of all messages. */
 #define WIRE_MAX_PAYLOAD_SIZE 218u
@@ -57,6 +57,7 @@ enum {
 enum {
 	WIRE_FAULT_CODE_ASSERT = 1,
 	WIRE_FAULT_CODE_WATCHDOG = 2,
+	WIRE_FAULT_CODE_STACK = 3,
 	WIRE_FAULT_CODE_IMU_WHO_AM_I = 16,
 	WIRE_FAULT_CODE_IMU_BUS = 17,
 	WIRE_FAULT_CODE_IMU_NO_INTERRUPT = 18,
@@ -65,6 +66,7 @@ enum {
 	WIRE_FAULT_CODE_PPI_EXHAUSTED = 33,
 	WIRE_FAULT_CODE_COMMAND_REFUSED = 34,
 	WIRE_FAULT_CODE_FUSION_OVERRUN = 35,
+	WIRE_FAULT_CODE_LINK_STRANGER = 36,
 	WIRE_FAULT_CODE_CAL_BIAS_REFUSED = 48,
 	WIRE_FAULT_CODE_CAL_STORE = 49,
 };
@@ -97,6 +99,14 @@ enum {
 	WIRE_NODE_COMMAND_RAW_ON = 3,
 	WIRE_NODE_COMMAND_RAW_OFF = 4,
 	WIRE_NODE_COMMAND_REBOOT = 5,
+	WIRE_NODE_COMMAND_FAIL_FATAL = 240,
+	WIRE_NODE_COMMAND_FAIL_STACK = 241,
+	WIRE_NODE_COMMAND_FAIL_HANG = 242,
+};
+
+enum {
+	WIRE_LINK_KEY_ORIGIN_IMAGE = 0,
+	WIRE_LINK_KEY_ORIGIN_STORED = 1,
 };
 
 enum {
@@ -1504,6 +1514,124 @@ static inline bool wire_rep_get(struct wire_rep *m, const uint8_t *buf,
 	m->range_m = wire_get_f32(buf + WIRE_REP_RANGE_M_OFFSET);
 	m->tilt_rad = wire_get_f32(buf + WIRE_REP_TILT_RAD_OFFSET);
 	m->velocity_loss = wire_get_f32(buf + WIRE_REP_VELOCITY_LOSS_OFFSET);
+	return true;
+}
+
+/* Host to node: the key that both nodes prove to each other; zeros: the image's own again. */
+#define WIRE_LINK_KEY_ID 19u
+#define WIRE_LINK_KEY_SIZE 16u
+#define WIRE_LINK_KEY_KEY_OFFSET 0u
+#define WIRE_LINK_KEY_KEY_COUNT 16u
+
+struct wire_link_key {
+	/* 128 bits, from a source of randomness. [1] */
+	uint8_t key[16];
+};
+
+static inline size_t wire_link_key_put(uint8_t *buf, const struct wire_link_key *m)
+{
+	for (size_t i = 0; i < WIRE_LINK_KEY_KEY_COUNT; i++) {
+		wire_put_u8(buf + WIRE_LINK_KEY_KEY_OFFSET + i, m->key[i]);
+	}
+	return WIRE_LINK_KEY_SIZE;
+}
+
+static inline bool wire_link_key_get(struct wire_link_key *m, const uint8_t *buf,
+					size_t len)
+{
+	if (len != WIRE_LINK_KEY_SIZE) {
+		return false;
+	}
+	for (size_t i = 0; i < WIRE_LINK_KEY_KEY_COUNT; i++) {
+		m->key[i] = wire_get_u8(buf + WIRE_LINK_KEY_KEY_OFFSET + i);
+	}
+	return true;
+}
+
+/* How the link is kept to the one peer. */
+#define WIRE_LINK_SECURITY_ID 20u
+#define WIRE_LINK_SECURITY_SIZE 14u
+#define WIRE_LINK_SECURITY_T_TICKS_NODE_OFFSET 0u
+#define WIRE_LINK_SECURITY_KEY_OFFSET 8u
+#define WIRE_LINK_SECURITY_SECURE_OFFSET 9u
+#define WIRE_LINK_SECURITY_REFUSED_OFFSET 10u
+
+struct wire_link_security {
+	/* When counted. [tick, node clock] */
+	uint64_t t_ticks_node;
+	/* A value of LINK_KEY_ORIGINS: the one in force. [1] */
+	uint8_t key;
+	/* 1: the peer has proved the key, all is encrypted. [1] */
+	uint8_t secure;
+	/* Connections ended as the peer did not prove the key. [1] */
+	uint32_t refused;
+};
+
+static inline size_t wire_link_security_put(uint8_t *buf, const struct wire_link_security *m)
+{
+	wire_put_u64(buf + WIRE_LINK_SECURITY_T_TICKS_NODE_OFFSET, m->t_ticks_node);
+	wire_put_u8(buf + WIRE_LINK_SECURITY_KEY_OFFSET, m->key);
+	wire_put_u8(buf + WIRE_LINK_SECURITY_SECURE_OFFSET, m->secure);
+	wire_put_u32(buf + WIRE_LINK_SECURITY_REFUSED_OFFSET, m->refused);
+	return WIRE_LINK_SECURITY_SIZE;
+}
+
+static inline bool wire_link_security_get(struct wire_link_security *m, const uint8_t *buf,
+					size_t len)
+{
+	if (len != WIRE_LINK_SECURITY_SIZE) {
+		return false;
+	}
+	m->t_ticks_node = wire_get_u64(buf + WIRE_LINK_SECURITY_T_TICKS_NODE_OFFSET);
+	m->key = wire_get_u8(buf + WIRE_LINK_SECURITY_KEY_OFFSET);
+	m->secure = wire_get_u8(buf + WIRE_LINK_SECURITY_SECURE_OFFSET);
+	m->refused = wire_get_u32(buf + WIRE_LINK_SECURITY_REFUSED_OFFSET);
+	return true;
+}
+
+/* Stack of one thread; one thread a second, in turn. */
+#define WIRE_THREAD_ID 21u
+#define WIRE_THREAD_SIZE 32u
+#define WIRE_THREAD_T_TICKS_NODE_OFFSET 0u
+#define WIRE_THREAD_NAME_OFFSET 8u
+#define WIRE_THREAD_NAME_COUNT 16u
+#define WIRE_THREAD_STACK_SIZE_B_OFFSET 24u
+#define WIRE_THREAD_STACK_FREE_B_OFFSET 28u
+
+struct wire_thread {
+	/* When measured. [tick, node clock] */
+	uint64_t t_ticks_node;
+	/* ASCII, zero padded. [1] */
+	uint8_t name[16];
+	/* Size of its stack. [B] */
+	uint32_t stack_size_b;
+	/* Never used since boot; in simulation meaningless. [B] */
+	uint32_t stack_free_b;
+};
+
+static inline size_t wire_thread_put(uint8_t *buf, const struct wire_thread *m)
+{
+	wire_put_u64(buf + WIRE_THREAD_T_TICKS_NODE_OFFSET, m->t_ticks_node);
+	for (size_t i = 0; i < WIRE_THREAD_NAME_COUNT; i++) {
+		wire_put_u8(buf + WIRE_THREAD_NAME_OFFSET + i, m->name[i]);
+	}
+	wire_put_u32(buf + WIRE_THREAD_STACK_SIZE_B_OFFSET, m->stack_size_b);
+	wire_put_u32(buf + WIRE_THREAD_STACK_FREE_B_OFFSET, m->stack_free_b);
+	return WIRE_THREAD_SIZE;
+}
+
+static inline bool wire_thread_get(struct wire_thread *m, const uint8_t *buf,
+					size_t len)
+{
+	if (len != WIRE_THREAD_SIZE) {
+		return false;
+	}
+	m->t_ticks_node = wire_get_u64(buf + WIRE_THREAD_T_TICKS_NODE_OFFSET);
+	for (size_t i = 0; i < WIRE_THREAD_NAME_COUNT; i++) {
+		m->name[i] = wire_get_u8(buf + WIRE_THREAD_NAME_OFFSET + i);
+	}
+	m->stack_size_b = wire_get_u32(buf + WIRE_THREAD_STACK_SIZE_B_OFFSET);
+	m->stack_free_b = wire_get_u32(buf + WIRE_THREAD_STACK_FREE_B_OFFSET);
 	return true;
 }
 

@@ -18,7 +18,7 @@ from hil.bench.errors import ProbeLostError
 from hil.bench.inventory import normal_serial
 from hil.bench.probes import tool
 from hil.bench.probes.model import Protection, Readiness, ResetKind
-from hil.process import Finished
+from hil.process import Finished, scratch
 
 PROGRAM: Final = "JLinkExe"
 MEND_INSTALL: Final = "install SEGGER's J-Link software (segger.com/downloads/jlink)"
@@ -81,13 +81,13 @@ class JlinkProbe:
         return Protection.OFF if int(status[1], 16) & 1 else Protection.ON
 
     def read_memory(self, address: int, size: int) -> bytes:
-        with tool.scratch() as folder:
+        with scratch("probe") as folder:
             path = folder / "memory.bin"
             self._run(_CONNECT, [f'SaveBin "{path}", 0x{address:08x}, 0x{size:x}'], tool.READ_S)
             return tool.dump(path, size, "JLinkExe")
 
     def program(self, image: Path) -> None:
-        with tool.scratch() as folder:
+        with scratch("probe") as folder:
             # A name of our own: the command file has no way to quote every path.
             copy = shutil.copyfile(image, folder / "image.hex")
             self._run(_CONNECT, ["r", "h", f'LoadFile "{copy}"'], tool.WRITE_S)
@@ -134,7 +134,7 @@ class JlinkProbe:
 def _commander(
     options: Sequence[str], commands: Sequence[str], timeout_s: float, *, check: bool = True
 ) -> Finished:
-    with tool.scratch() as folder:
+    with scratch("probe") as folder:
         script = folder / "commands.jlink"
         script.write_text("\n".join((*commands, "Exit", "")), encoding="utf-8")
         fixed = (PROGRAM, "-NoGui", "1", "-ExitOnError", "1")

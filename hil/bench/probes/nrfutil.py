@@ -15,6 +15,7 @@ from hil.bench.errors import ProbeLostError
 from hil.bench.inventory import normal_serial
 from hil.bench.probes import tool
 from hil.bench.probes.model import Protection, Readiness, ResetKind
+from hil.process import scratch
 
 PROGRAM: Final = "nrfutil"
 MEND_INSTALL: Final = (
@@ -90,7 +91,7 @@ class NrfutilProbe:
     def read_memory(self, address: int, size: int) -> bytes:
         from intelhex import IntelHex, IntelHexError  # noqa: PLC0415 (only with hardware)
 
-        with tool.scratch() as folder:
+        with scratch("probe") as folder:
             path = folder / "memory.hex"
             where = ("--address", f"0x{address:08x}", "--bytes", str(size))
             self._device(["read", *where, "--to-file", str(path)], tool.READ_S)

@@ -15,7 +15,7 @@ from typing import Final
 from hil.bench.errors import ProbeLostError
 from hil.bench.probes import tool, usb
 from hil.bench.probes.model import Protection, Readiness, ResetKind
-from hil.process import Finished
+from hil.process import Finished, scratch
 
 PROGRAM: Final = "openocd"
 MEND_INSTALL: Final = "apt-get install openocd"
@@ -69,13 +69,13 @@ class OpenocdProbe:
         return Protection.OFF if int(status[1], 0) & 1 else Protection.ON
 
     def read_memory(self, address: int, size: int) -> bytes:
-        with tool.scratch() as folder:
+        with scratch("probe") as folder:
             path = folder / "memory.bin"
             self._run(["init", f"dump_image {path} 0x{address:08x} {size}"], tool.READ_S)
             return tool.dump(path, size, PROGRAM)
 
     def program(self, image: Path) -> None:
-        with tool.scratch() as folder:
+        with scratch("probe") as folder:
             # A name of our own: Tcl has no way to quote every path.
             copy = shutil.copyfile(image, folder / "image.hex")
             self._run(

@@ -20,7 +20,7 @@ from hil.bench.errors import ProbeLostError
 from hil.bench.inventory import normal_serial
 from hil.bench.probes import tool
 from hil.bench.probes.model import Protection, Readiness, ResetKind
-from hil.process import Finished
+from hil.process import Finished, scratch
 
 PROGRAM: Final = "pyocd"
 MEND_INSTALL: Final = "pip install pyocd"
@@ -81,7 +81,7 @@ class PyocdProbe:
         return Protection.OFF if int(status[1], 16) & 1 else Protection.ON
 
     def read_memory(self, address: int, size: int) -> bytes:
-        with tool.scratch() as folder:
+        with scratch("probe") as folder:
             path = folder / "memory.bin"
             command = f"savemem 0x{address:08x} {size} {path}"
             self._commander(["--connect", "attach"], [command], tool.READ_S)

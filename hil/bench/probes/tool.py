@@ -4,9 +4,7 @@
 from __future__ import annotations
 
 import shutil
-import tempfile
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
@@ -57,13 +55,6 @@ def first_line(argv: Sequence[str], timeout_s: float = READY_S) -> str:
     except RigError:
         return ""
     return next((line.strip() for line in finished.lines if line.strip()), "")
-
-
-@contextmanager
-def scratch() -> Iterator[Path]:
-    """A folder for command files and memory dumps, gone after the block."""
-    with tempfile.TemporaryDirectory(prefix="hil-probe-") as folder:
-        yield Path(folder)
 
 
 def dump(path: Path, size: int, name: str) -> bytes:

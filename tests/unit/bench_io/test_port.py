@@ -11,8 +11,7 @@ import subprocess
 import sys
 import termios
 import time
-import tty
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -20,31 +19,7 @@ import pytest
 from hil.bench import port as port_module
 from hil.bench.port import Chunk, SerialPort, holders
 from hil.errors import RigError
-
-
-class Board:
-    """The far end of a serial line, at ``link``; it can be unplugged and plugged in again."""
-
-    def __init__(self, link: Path) -> None:
-        self.link = link
-        self.master = -1
-        self.plug_in()
-
-    def plug_in(self) -> None:
-        self.master, slave = os.openpty()
-        tty.setraw(self.master)
-        tty.setraw(slave)
-        name = os.ttyname(slave)
-        self.link.symlink_to(name)
-        os.close(slave)
-
-    def unplug(self) -> None:
-        self.link.unlink()
-        os.close(self.master)
-        self.master = -1
-
-    def resolve(self) -> str | None:
-        return str(self.link) if self.link.is_symlink() else None
+from tests.unit.fake_line import Board, until
 
 
 @pytest.fixture
@@ -53,13 +28,6 @@ def board(tmp_path: Path) -> Iterator[Board]:
     yield made
     if made.master >= 0:
         os.close(made.master)
-
-
-def until(happens: Callable[[], object], limit_s: float = 10.0) -> None:
-    deadline_s = time.monotonic() + limit_s
-    while not happens():
-        assert time.monotonic() < deadline_s, "did not happen in time"
-        time.sleep(0.01)
 
 
 def take(port: SerialPort, count: int, limit_s: float = 60.0) -> bytes:

@@ -21,6 +21,9 @@
 	X(link_drop, LINK_DROP)                                                                    \
 	X(cal_record, CAL_RECORD)                                                                  \
 	X(node_command, NODE_COMMAND)                                                              \
-	X(rep, REP)
+	X(rep, REP)                                                                                \
+	X(link_key, LINK_KEY)                                                                      \
+	X(link_security, LINK_SECURITY)                                                            \
+	X(thread, THREAD)
 
 #endif /* MESSAGES_H_ */

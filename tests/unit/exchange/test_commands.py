@@ -1,18 +1,16 @@
 # SPDX-License-Identifier: Apache-2.0
-"""``hil export`` and ``hil import`` as a person calls them, and Rerun where it is installed."""
+"""``hil export`` and ``hil import`` as a person calls them."""
 
 from __future__ import annotations
 
-import shutil
-import subprocess
 from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
+from hil import extras
 from hil.cli import app
-from hil.exchange import extras
-from hil.exchange.table import ExchangeError
+from hil.errors import HilError
 from hil.recording import load
 
 CAL_BOOT = Path(__file__).parents[3] / "fixtures" / "recordings" / "cal-boot"
@@ -41,18 +39,6 @@ def test_a_column_that_is_none_is_wrong_use(tmp_path):
 
 def test_a_missing_library_names_its_extra(monkeypatch):
     monkeypatch.setitem(extras.EXTRAS, "no_such_library", "parquet")
-    with pytest.raises(ExchangeError, match="needs no_such_library") as caught:
+    with pytest.raises(HilError, match="needs no_such_library") as caught:
         extras.module("no_such_library")
     assert caught.value.mend == "pip install 'hil[parquet]'"
-
-
-@pytest.mark.skipif(shutil.which("rerun") is None, reason="rerun-sdk is 490 MB, and not installed")
-def test_rerun_decodes_every_topic(tmp_path):
-    file, made = tmp_path / "x.mcap", tmp_path / "x.rrd"
-    assert hil("export", CAL_BOOT, "-o", file, "--format", "mcap").exit_code == 0
-    subprocess.run(["rerun", "mcap", "convert", file, "-o", made], check=True, timeout=300)
-    text = subprocess.run(
-        ["rerun", "rrd", "print", made, "-vv"], check=True, timeout=300, capture_output=True
-    ).stdout.decode()
-    for decoded in ('"velocity_z_mps": non-null Float64', "Transform3D:quaternion", "TextLog:text"):
-        assert decoded in text

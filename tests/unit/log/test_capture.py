@@ -30,7 +30,7 @@ from hil.log.source import named
 from hil.log.text import tables_of_parts
 from hil.recording import Provenance, Recording, load
 from hil.wire.codec import decode, encode
-from tests.unit.bench_io.test_port import Board, until
+from tests.unit.fake_line import Board, until
 
 CLEAN = Path(__file__).parents[3] / "fixtures/recordings/clean-7ms5/recording.mcap"
 SHADOW = "#shadow,t_us_node,ax_mps2\r\nshadow,10000,0.25\r\nshadow,20000,-0.5\r\n"

@@ -27,7 +27,7 @@ from hil.reps import of_recording
 from hil.stringpot import samples as readings
 from hil.truth.reference import read
 from hil.truth.score import compare
-from tests.unit.bench_io.test_port import Board
+from tests.unit.fake_line import Board
 
 CLEAN = Path(__file__).parents[3] / "fixtures/recordings/clean-7ms5/recording.mcap"
 POT_BEGAN_S = 2.5

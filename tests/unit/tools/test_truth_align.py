@@ -157,7 +157,8 @@ def skew_bound(lift: Lift, how: Instrument) -> float:
 
 def test_the_stated_uncertainty_holds_over_seeded_sets_and_is_no_better_than_can_be():
     errors, near = [], []
-    for seed in range(10):
+    # The statement was chosen on seeds below 100.
+    for seed in range(100, 110):
         for rests in (False, True):
             lift = seeded_set(seed, rests)
             (trace,) = of_outputs(run_core(batch(*simulate(lift, seed)), Params()))

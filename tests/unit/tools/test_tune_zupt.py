@@ -25,7 +25,7 @@ from hil.recording import load
 from hil.reference.params import Params
 from hil.reference.study import Link, simulate
 from hil.tuning import heatmap, kept, zupt
-from hil.tuning.command import app
+from hil.tuning.cli import app
 from hil.tuning.grid import Grid, KnownMotion, Table, around, count
 from hil.tuning.parameters import ParameterError
 from hil.tuning.plateau import depths, largest, plateau
@@ -265,6 +265,12 @@ def test_counts_are_kept_and_used_for_the_same_inputs_only(tmp_path, monkeypatch
     with monkeypatch.context() as patch:
         patch.setattr(kept, "version", lambda: "another")
         assert kept.of_file(file, grid) != inputs
+    with monkeypatch.context() as patch:
+        patch.setattr(kept, "ESTIMATOR_SHA256", "another")
+        kept.version.cache_clear()
+        assert kept.of_file(file, grid) != inputs
+    kept.version.cache_clear()
+    assert kept.of_file(file, grid) == inputs
     assert kept.of_file(RECORDINGS / "lossy/recording.mcap", grid) != inputs
     whole = one.read_bytes()
     for damaged in (b"", whole[:-20], whole.replace(b'"spans"', b'"spams"'), b"[" * 100_000):

@@ -26,7 +26,7 @@ from hil.motion.lifts import seeded_set
 from hil.reference.params import Params
 from hil.tuning import case, ekf, ekf_show
 from hil.tuning.axes import NOISE, Axis, around, parse
-from hil.tuning.command import app
+from hil.tuning.cli import app
 from hil.tuning.parameters import ParameterError
 from hil.tuning.score import blind, consistency, cost, evaluate
 from hil.tuning.workers import _Here, workers

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hil.errors import RigError
-from hil.tuning import ekf_show, kept, zupt
+from hil.tuning import ekf_show, heatmap, kept, zupt
 from hil.tuning import workers as crews
 from hil.tuning.grid import around
 from hil.tuning.workers import locally, workers
@@ -48,6 +48,8 @@ def test_counts_of_the_thresholds_are_those_of_the_pool(cluster, tmp_path):
             assert np.array_equal(getattr(ours, name), getattr(theirs, name))
             assert np.array_equal(getattr(ours, name), getattr(once, name))
     assert len(list(tmp_path.glob("zupt-*.json"))) == 2
+    # A map narrower than the name of its axis is drawn too.
+    assert "zupt_gyro_var, (rad/s)^2" in heatmap.terminal(here, heatmap.spans(here), "").plain
 
 
 def test_a_cluster_with_another_hil_is_refused(cluster, monkeypatch):

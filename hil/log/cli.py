@@ -132,9 +132,9 @@ def _default_name() -> Path:
 def _check_parquet(parquet: Path | None) -> None:
     """Before an hour is logged for nothing."""
     if parquet is not None:
-        from hil.log.tables import need_pyarrow  # noqa: PLC0415
+        from hil.extras import module  # noqa: PLC0415
 
-        need_pyarrow()
+        module("pyarrow.parquet")
 
 
 def _write_tables(paths: list[Path], csv: Path | None, parquet: Path | None) -> None:

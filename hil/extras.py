@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: Apache-2.0
-"""Libraries that only some formats need."""
+"""Libraries that only some formats need, each brought by an extra of this package."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import importlib
 from types import ModuleType
 from typing import Final
 
-from hil.exchange.table import ExchangeError
+from hil.errors import HilError
 
 EXTRAS: Final = {
     "h5py": "hdf5",
@@ -24,12 +24,12 @@ def module(name: str) -> ModuleType:
     """The module ``name`` of :data:`EXTRAS`.
 
     Raises:
-        ExchangeError: it is not installed; the message says which extra brings it.
+        HilError: it is not installed; the message says which extra brings it.
     """
     try:
         return importlib.import_module(name)
     except ModuleNotFoundError as error:
-        raise ExchangeError(
+        raise HilError(
             f"this format needs {name.partition('.')[0]}, which is not installed",
             f"pip install 'hil[{EXTRAS[name]}]'",
         ) from error

@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Edges of 100 million samples of 8 channels, and the pairing of two nodes' pulses."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.measure import Row, best, reading_s
+from benchmarks.report import child
+from hil.bench.analyser.capture import Capture
+from hil.bench.analyser.edges import extract
+from hil.timesync.pulses import edge_pairs
+
+SAMPLES, PIECE = 100_000_000, 1 << 22
+RATE_HZ = 24e6
+PULSES = 1_000_000
+
+
+def samples() -> np.ndarray:
+    """Eight channels with pulses from every 2,000 samples to every 200,000."""
+    packed = np.zeros(SAMPLES, np.uint8)
+    for bit in range(8):
+        period = 2_000 * (1 + 14 * bit)
+        whole = packed[: SAMPLES // period * period].reshape(-1, period)
+        whole[:, 100 * bit : 100 * bit + 240] |= np.uint8(1 << bit)
+    return packed
+
+
+def by_diff(packed: np.ndarray) -> np.ndarray:
+    """The plain way: where a sample is not the one before."""
+    return np.flatnonzero(np.diff(packed))
+
+
+def rows() -> list[Row]:
+    return [_edges(), _pairs()]
+
+
+def _edges() -> Row:
+    packed = samples()
+    capture = Capture(
+        RATE_HZ,
+        {f"D{bit}": bit for bit in range(8)},
+        1,
+        lambda: (packed[i : i + PIECE].tobytes() for i in range(0, SAMPLES, PIECE)),
+    )
+    if len(np.unique(extract(capture).sample)) != len(by_diff(packed)):
+        raise RuntimeError("the plain way finds other edges")
+    ours_s = best(lambda: extract(capture), 3)
+    peer_s = best(lambda: by_diff(packed), 3)
+    read_s = reading_s(SAMPLES)
+    met = ours_s <= 0.1
+    return Row(
+        work="edges of 100 M samples of 8 channels",
+        ours=f"{1e3 * ours_s:.0f} ms",
+        peer=f"NumPy diff: {1e3 * peer_s:.0f} ms{_sigrok(packed)}",
+        ratio=peer_s / ours_s,
+        limit=read_s / ours_s,
+        aim="0.1 s",
+        met=met,
+        lacking="" if met else f"{ours_s / 0.1:.1f} times: comparing neighbours in C++ comes next",
+    )
+
+
+def _sigrok(packed: np.ndarray) -> str:
+    """What sigrok-cli takes for the same by converting a hundredth of it, where it is."""
+    program = shutil.which("sigrok-cli")
+    if program is None:
+        return ""
+    with tempfile.TemporaryDirectory() as folder:
+        raw, out = Path(folder, "raw.bin"), Path(folder, "out.vcd")
+        packed[: SAMPLES // 100].tofile(raw)
+        try:
+            seconds, _ = child(
+                [
+                    *(program, "-I", f"binary:numchannels=8:samplerate={RATE_HZ:.0f}"),
+                    *("-i", str(raw), "-O", "vcd", "-o", str(out)),
+                ]
+            )
+        except RuntimeError:
+            return ""
+    return f"; sigrok-cli to VCD: {100 * seconds:.0f} s"
+
+
+def _pairs() -> Row:
+    rng = np.random.default_rng(1)
+    leader = np.cumsum(np.full(2 * PULSES, 125_000_000, np.int64))
+    follower = leader + rng.integers(-200, 200, len(leader))
+    period, end = 250e6, float(leader[-1])
+
+    def plain() -> np.ndarray:
+        return follower[::2] - leader[::2]
+
+    ours_s = best(lambda: edge_pairs(leader, follower, period, 0.0, end), 3)
+    peer_s = best(plain, 3)
+    read_s = reading_s(leader.nbytes + follower.nbytes)
+    met = ours_s <= 2 * read_s
+    return Row(
+        work=f"pairing {PULSES:,} pulses of two nodes",
+        ours=f"{1e3 * ours_s:.0f} ms",
+        peer=f"NumPy difference of edges known to match: {1e3 * peer_s:.1f} ms",
+        ratio=peer_s / ours_s,
+        limit=read_s / ours_s,
+        aim="within 2 times of reading the bytes",
+        met=met,
+        lacking=""
+        if met
+        else f"{ours_s / read_s:.0f} times: partners are searched for (a binary search an edge), "
+        "so that a lost edge shifts none; one merge over both comes next. "
+        f"The 14,400 pulses of an hour take {1e3 * ours_s * 14_400 / PULSES:.1f} ms",
+    )

@@ -1,0 +1,2 @@
+# SPDX-License-Identifier: Apache-2.0
+"""Long runs: what each hour was like, and whether anything drifts."""
