@@ -26,12 +26,13 @@ NOT_THERE: Final = "not applicable: imported samples came without "
 
 def is_bare(recording: Recording) -> bool:
     """Is it an import that holds batches of samples and no other message of the protocol?"""
-    return recording.provenance.source == "import" and not any(
-        frames(recording, role, message.name).size
+    found = {
+        message.name
         for role in ROLES
         for message in MESSAGES
-        if message.name != "imu_batch"
-    )
+        if frames(recording, role, message.name).size
+    }
+    return recording.provenance.source == "import" and found == {"imu_batch"}
 
 
 def applicable(measurements: Sequence[Measurement], recording: Recording) -> list[Measurement]:

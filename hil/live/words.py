@@ -11,11 +11,13 @@ from hil.wire.messages import FAULT_CODES
 FAULTS: Final[Mapping[str, str]] = {
     "assert": "the program stopped on an error of its own and starts again",
     "watchdog": "the program hung and was started again",
+    "stack": "a part of the program ran out of memory, and it was started again",
     "imu_who_am_i": "no motion sensor answers: check its wiring",
     "imu_bus": "the motion sensor cannot be read: check its wiring",
     "imu_no_interrupt": "the motion sensor's interrupt wire is silent: check INT1",
     "imu_fifo_config": "the motion sensor lost its settings: check its supply",
     "link_bad_payload": "the nodes do not understand each other: flash both with one build",
+    "link_stranger": "another node tried to take the follower's place and was refused",
     "ppi_exhausted": "the time sync could not be set up",
     "command_refused": "a command from the host was refused",
     "fusion_overrun": "the estimator did not keep up, and samples were left out",

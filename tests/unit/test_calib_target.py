@@ -23,6 +23,7 @@ from tests.unit.native import STRICT, shared_library
 ROOT = Path(__file__).resolve().parents[2]
 CALIB = ROOT / "firmware" / "lib" / "calib"
 WIRE = ROOT / "firmware" / "lib" / "wire"
+DRIVER = ROOT / "firmware" / "drivers" / "lsm6dsox"
 SHIM = ROOT / "tests" / "unit" / "c" / "calib_shim.c"
 
 G_MPS2 = 9.80665
@@ -40,7 +41,7 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
     return shared_library(
         tmp_path_factory.mktemp("calib") / "calib.so",
         [*(CALIB / f"calib_{part}.c" for part in ("correct", "boot", "record")), SHIM],
-        [CALIB, WIRE],
+        [CALIB, WIRE, DRIVER],
         (*STRICT, "-O2", "-ffp-contract=off"),
     )
 

@@ -211,7 +211,7 @@ def test_a_run_from_start_to_end(bench: Bench) -> None:
         expected = recording.truth[role].true_us([ms * 1e3 for ms in range(100, 4001, 100)]) * 1e3
         assert abs(t_ns - expected).max() < 1
         assert recording.serial[role].t_ns_bench([0])[0] == t_ns[0]
-    assert [event.kind for event in recording.events] == ["end"]
+    assert [event.kind for event in recording.events] == ["rig", "end"]
     assert shown[-1][0] == 1.0
     assert [share for share, _ in shown] == sorted(share for share, _ in shown)
     assert open_terminals() == terminals

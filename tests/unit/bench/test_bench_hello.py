@@ -14,7 +14,7 @@ from hil.bench.listen import hear_hello
 from hil.wire import frames
 from hil.wire.codec import decode
 from hil.wire.messages import BY_NAME, schema_hash
-from hil.wire.records import pack
+from hil.wire.records import Packer
 from tests.bench.fakes import images
 
 DEVICE = 0x0123456789ABCDEF
@@ -34,7 +34,7 @@ SOUND: dict[str, Any] = {
 
 def frame(**changes: int) -> bytes:
     message = BY_NAME["hello"]
-    return frames.frame(message.id, 0, pack(message, SOUND | changes))
+    return frames.frame(message.id, 0, Packer(message).pack(SOUND | changes))
 
 
 def test_the_firmware_that_was_flashed_is_accepted(tmp_path: Path) -> None:

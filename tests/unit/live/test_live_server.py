@@ -213,8 +213,8 @@ def test_anything_but_a_receipt_closes(clean_page: Served, message: Any) -> None
 
 
 def test_a_slow_browser_gets_the_newest_state_and_no_queue(clean: Recording) -> None:
-    """Ten times the pace: in the second that it says nothing, ten of the recording pass."""
-    with Served(Replay(clean, 10.0)) as served, open_socket(served) as frames:
+    """Twenty times the pace: in the second that it says nothing, twenty of the recording pass."""
+    with Served(Replay(clean, 20.0)) as served, open_socket(served) as frames:
         got = [json.loads(frames.recv(LIMIT_S)) for _ in range(IN_FLIGHT_MAX)]
         with pytest.raises(TimeoutError):
             frames.recv(1.0)

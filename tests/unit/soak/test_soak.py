@@ -27,7 +27,7 @@ DICE = np.random.default_rng(5)
 
 @cache
 def sound() -> Recording:
-    return synthesise(Plan(duration_s=LONG_S, conn_interval_us=400_000))
+    return synthesise(Plan(duration_s=LONG_S, conn_interval_us=200_000))
 
 
 def with_memory(kib_at_end: int) -> Recording:
