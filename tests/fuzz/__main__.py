@@ -59,7 +59,8 @@ def run(target: str, seconds: int, firmware: Path) -> Outcome:
     except subprocess.CalledProcessError as error:
         return Outcome("", failed=f"{target} does not compile:\n{error.stderr[-2000:]}")
     before = sum(1 for _ in grown.iterdir())
-    seeds = [HERE / "corpus" / target, HERE / "findings" / target]
+    kept = (HERE / "corpus" / target, HERE / "findings" / target)
+    seeds = [folder for folder in kept if folder.is_dir()]
     argv += [
         f"-max_total_time={seconds}",
         f"-timeout={INPUT_TIMEOUT_S}",

@@ -133,10 +133,10 @@ def test_a_port_that_moves_is_followed_by_what_it_is(board: Board, tmp_path: Pat
     """Back under another path, while its old path is another board's."""
     where = {"path": str(board.link)}
     with SerialPort(board.link, resolve=lambda: where["path"]) as port:
-        board.unplug()
-        stranger = Board(board.link)
         mine = Board(tmp_path / "tty2")
         where["path"] = str(mine.link)
+        board.unplug()
+        stranger = Board(board.link)
         until(lambda: port.gaps)
         os.write(stranger.master, b"stranger")
         os.write(mine.master, b"mine")

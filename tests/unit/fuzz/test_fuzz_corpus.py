@@ -23,7 +23,7 @@ TARGETS: dict[str, Callable[[bytes], None]] = {
 
 
 def inputs(target: str) -> list[Path]:
-    return sorted(p for kind in ("corpus", "findings") for p in (FUZZ / kind / target).iterdir())
+    return sorted(p for kind in ("corpus", "findings") for p in (FUZZ / kind / target).glob("*"))
 
 
 @pytest.mark.parametrize("target", TARGETS)
