@@ -62,7 +62,7 @@ ROWS: Final[tuple[Row, ...]] = (
         live=True,
     ),
     Row("storm=5@6..11", ("sync.reconnects",), live=True),
-    Row("flash:leader=8", ("cal.leader.branch_wrong",), live=True),
+    Row("flash:leader=8", ("cal.leader.boot_delta_error_dps",), live=True),
 )
 
 _HERE: Final = "tests/unit/faults/test_other_checks.py"
