@@ -160,7 +160,8 @@ def parse(text: str, path: Path) -> Inventory:
     except ValueError as error:
         # ValueError: also of numbers with thousands of digits.
         raise InventoryError(
-            printable(f"{path} is not TOML: {error}"), "compare with boards/bench.example.toml"
+            printable(f"{path} is not TOML: {shorten(str(error))}"),
+            "compare with boards/bench.example.toml",
         ) from error
     return _Reader(text, path).inventory(data)
 

@@ -11,6 +11,8 @@ import atheris
 
 def main() -> None:
     name = sys.argv.pop(1)
+    # What is compiled only the finder of an editable install knows.
+    importlib.import_module("hil.wire._native")
     # The finder of an editable install comes before atheris', and what it loads has no coverage.
     sys.meta_path = [f for f in sys.meta_path if "editable" not in type(f).__module__]
     with atheris.instrument_imports(include=["hil"]):
