@@ -226,6 +226,8 @@
   function connect() {
     socket = new WebSocket("ws://" + location.host + "/frames");
     drawn = newest = 0;
+    // What the server before said of itself says nothing of this one.
+    health = null;
     socket.onopen = function () { tries = 0; showConnection(); };
     socket.onmessage = function (event) { take(JSON.parse(event.data)); };
     socket.onclose = lost;
