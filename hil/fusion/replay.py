@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.core import Estimator
+from hil.divergence import Divergence
 from hil.fusion.inputs import Run
 
 FIELDS: Final[Mapping[str, str]] = {
@@ -32,27 +33,6 @@ BASELINE: Final[Mapping[str, str]] = {
     "divergence_rad": "divergence_rad",
 }
 """The same for an ATTITUDE frame."""
-
-
-@dataclass(frozen=True)
-class Divergence:
-    """The first frame whose bits are not the host's.
-
-    Attributes:
-        ulps: how many floats lie between the two values.
-    """
-
-    step: int
-    field: str
-    firmware: float
-    host: float
-    ulps: int
-
-    def __str__(self) -> str:
-        return (
-            f"step {self.step}, {self.field}: firmware {self.firmware!r}, host {self.host!r}, "
-            f"{self.ulps} ulp apart"
-        )
 
 
 @dataclass(frozen=True)
@@ -138,12 +118,6 @@ def _first(
         apart = np.flatnonzero(_bits(a)[:, 0] != _bits(b)[:, 0])
         if apart.size:
             k = int(apart[0])
-            ulps = abs(_ordered(a[k]) - _ordered(b[k]))
-            return Divergence(step, f"{f}[{k}]", float(a[k]), float(b[k]), ulps)
-    return Divergence(step, "flags, time or baseline", float("nan"), float("nan"), 0)
-
-
-def _ordered(value: np.float32) -> int:
-    """The float as an integer that counts upwards with it (two's complement of the pattern)."""
-    bits = int(np.float32(value).view(np.int32))
-    return bits if bits >= 0 else -(bits & 0x7FFFFFFF)
+            host_bits, target_bits = (int(v[k : k + 1].view(np.uint32)[0]) for v in (b, a))
+            return Divergence(step, f"{f}[{k}]", host_bits, target_bits, float(b[k]), float(a[k]))
+    return Divergence(step, "flags, time or baseline", 0, 0, float("nan"), float("nan"))

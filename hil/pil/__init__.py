@@ -12,7 +12,7 @@ both IMUs' samples, simulated or from a recording.
 """
 
 from hil.pil.assess import Assessment, Model, assess, measurements
-from hil.pil.compare import Comparison, Divergence, compare, host_outputs
+from hil.pil.compare import Comparison, compare, host_outputs
 from hil.pil.emulator import TargetRun, run
 from hil.pil.image import Image, build
 from hil.pil.samples import recorded, simulated
@@ -20,7 +20,6 @@ from hil.pil.samples import recorded, simulated
 __all__ = [
     "Assessment",
     "Comparison",
-    "Divergence",
     "Image",
     "Model",
     "TargetRun",

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.core import Estimator
+from hil.divergence import Divergence
 from hil.parity import Batch
 from hil.pil import layout
 from hil.pil.emulator import TargetRun
@@ -16,31 +17,6 @@ from hil.reference.params import Params
 
 ESTIMATED, ALIGNING = (layout.STATUS.index(name) for name in ("ESTIMATED", "ALIGNING"))
 _BITS = {2: np.uint16, 4: np.uint32, 8: np.uint64}
-
-
-@dataclass(frozen=True)
-class Divergence:
-    """The first number that differs.
-
-    Attributes:
-        step: index of the leader sample.
-        field: output, with its component: ``v[2]``.
-        host_bits, target_bits: patterns; those of a float are IEEE 754 single.
-        host, target: the same as numbers.
-    """
-
-    step: int
-    field: str
-    host_bits: int
-    target_bits: int
-    host: float
-    target: float
-
-    def __str__(self) -> str:
-        return (
-            f"step {self.step}, {self.field}: host {self.host:.9g} ({self.host_bits:#010x}), "
-            f"target {self.target:.9g} ({self.target_bits:#010x})"
-        )
 
 
 @dataclass(frozen=True)

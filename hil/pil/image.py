@@ -86,7 +86,7 @@ def build(
         raise BuildError(f"there is no compiler {COMPILER} for the Cortex-M4F", MEND_CROSS)
     version = capture([compiler, "--version"]).partition("\n")[0]
     places = (root / "firmware" / "lib" / "estimator", root / "firmware" / "pil")
-    flags = (*MACHINE, *CODE, *optimisation, "-isystem", str(_eigen()))
+    flags = (*MACHINE, *CODE, *optimisation, "-isystem", str(eigen()))
     target = (folder or root / "build" / "pil") / _digest(places, (version, *flags))
     if not target.is_dir():
         # Only a build that came to its end gets the final name, whoever else builds the same.
@@ -141,7 +141,12 @@ def _link(command: Sequence[str], script: Path, elf: Path) -> None:
     fresh.replace(elf)
 
 
-def _eigen() -> Path:
+def eigen() -> Path:
+    """Folder of Eigen's headers.
+
+    Raises:
+        BuildError: the package is not installed.
+    """
     try:
         found = distribution("cmeel-eigen")
     except PackageNotFoundError:

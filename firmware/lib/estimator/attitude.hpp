@@ -22,7 +22,7 @@ template <class Scalar> Matrix3<Scalar> skew(const Vector3<Scalar> &v)
 }
 
 template <class Scalar>
-Vector3<Scalar> cross(const Vector3<Scalar> &a, const Vector3<Scalar> &b)
+EIGEN_STRONG_INLINE Vector3<Scalar> cross(const Vector3<Scalar> &a, const Vector3<Scalar> &b)
 {
 	return {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
 }
@@ -44,13 +44,14 @@ template <class Scalar> Quaternion<Scalar> conjugate(const Quaternion<Scalar> &q
 
 template <class Scalar> Quaternion<Scalar> normalised(const Quaternion<Scalar> &q)
 {
-	return q / std::sqrt(q.squaredNorm());
+	return q * (1 / std::sqrt(q.squaredNorm()));
 }
 
 /// Quaternion of a rotation vector (Sola 101), correct to rounding for any angle.
 ///
 /// With x = (angle/2)^2, cos(angle/2) and sin(angle/2)/angle are series in x; after x^6 they
-/// are cut off by less than 1e-19 for angles up to 0.5 rad. A larger angle is halved, and the
+/// are cut off by less than 1e-19 for angles up to 0.5 rad, after x^4 by less than 3e-13, which no
+/// float can show beside 1. A larger angle is halved, and the
 /// quaternion squared, as often as it takes.
 template <class Scalar> Quaternion<Scalar> exp(const Vector3<Scalar> &rotation_vector)
 {
@@ -62,6 +63,7 @@ template <class Scalar> Quaternion<Scalar> exp(const Vector3<Scalar> &rotation_v
 		halvings++;
 	}
 	// 1 / (2n (2n - 1)) and 1 / (2n (2n + 1))
+	constexpr int last = sizeof(Scalar) > sizeof(float) ? 5 : 3;
 	constexpr Scalar cosine_step[] = {Scalar(1. / 2),  Scalar(1. / 12), Scalar(1. / 30),
 					  Scalar(1. / 56), Scalar(1. / 90), Scalar(1. / 132)};
 	constexpr Scalar sinc_step[] = {Scalar(1. / 6),  Scalar(1. / 20),  Scalar(1. / 42),
@@ -70,7 +72,7 @@ template <class Scalar> Quaternion<Scalar> exp(const Vector3<Scalar> &rotation_v
 	Scalar cosine = 1;
 	Scalar sinc = 1;
 
-	for (int n = 5; n >= 0; n--) {
+	for (int n = last; n >= 0; n--) {
 		cosine = 1 - cosine_step[n] * x * cosine;
 		sinc = 1 - sinc_step[n] * x * sinc;
 	}

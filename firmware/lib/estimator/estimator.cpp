@@ -92,8 +92,8 @@ Status Estimator<Scalar>::step(const Sample<Scalar> &leader, const Sample<Scalar
 		flags |= rigid_update();
 	}
 
-	Vector3<Scalar> velocity;
-	Scalar height;
+	Vector3<Scalar> &velocity = output.centre_velocity_mps;
+	Scalar &height = output.centre_height_m;
 
 	centre(own.rate, velocity, height);
 	if (params_.round_trip && boundary(params_, s.nav, s.trip, t_ticks, height, velocity[2])) {
@@ -113,13 +113,17 @@ Status Estimator<Scalar>::step(const Sample<Scalar> &leader, const Sample<Scalar
 		flags |= FLAG_BOUND;
 	}
 	s.steps++;
-	fill(t_ticks, own.rate, flags, output);
+	if ((flags & (FLAG_ROUND_TRIP | FLAG_BOUND)) != 0) {
+		// What was corrected since has moved the centre.
+		centre(own.rate, velocity, height);
+	}
+	fill(t_ticks, flags, output);
 	return Status::ESTIMATED;
 }
 
+/// All of an output but the bar's centre.
 template <class Scalar>
-void Estimator<Scalar>::fill(Ticks t_ticks, const Vector3<Scalar> &rate, unsigned flags,
-			     Output<Scalar> &output) const
+void Estimator<Scalar>::fill(Ticks t_ticks, unsigned flags, Output<Scalar> &output) const
 {
 	const Nav<Scalar> &n = state_.nav;
 
@@ -130,7 +134,6 @@ void Estimator<Scalar>::fill(Ticks t_ticks, const Vector3<Scalar> &rate, unsigne
 	output.b_a = n.b_a;
 	output.b_g = n.b_g;
 	output.variance = n.P.diagonal();
-	centre(rate, output.centre_velocity_mps, output.centre_height_m);
 	output.innovation = shown_.innovation;
 	output.nis = shown_.nis;
 	output.gate = shown_.gate;
@@ -323,15 +326,14 @@ template <class Scalar> void Estimator<Scalar>::correlate_tilt(bool still)
 /// Correct if the innovation passes its gate; keeps both for the output. The gate knows the
 /// measurement's own variances, the correction takes `added` on top.
 template <class Scalar>
-template <int M>
-bool Estimator<Scalar>::gated(const Measurement<Scalar, M> &m, Scalar gate, Scalar added)
+template <int M, int At, int From, int Columns>
+bool Estimator<Scalar>::gated(const Measurement<Scalar, M, At, From, Columns> &m, Scalar gate,
+			      Scalar added)
 {
 	Correction<Scalar, M> c = correction(state_.nav, m);
 
 	shown_.innovation.setZero();
-	for (int i = 0; i < M; i++) {
-		shown_.innovation[i] = m.innovation[i];
-	}
+	shown_.innovation.template head<M>() = m.innovation;
 	shown_.nis = c.nis;
 	shown_.gate = gate;
 	// Written so that a NaN does not pass.
@@ -339,12 +341,7 @@ bool Estimator<Scalar>::gated(const Measurement<Scalar, M> &m, Scalar gate, Scal
 		return false;
 	}
 	if (added > 0) {
-		Measurement<Scalar, M> wider = m;
-
-		for (int i = 0; i < M; i++) {
-			wider.variance[i] += added;
-		}
-		c = correction(state_.nav, wider);
+		c.weigh(m.innovation, m.variance + added);
 	}
 	apply(state_.nav, c);
 	return true;
@@ -391,15 +388,17 @@ template <class Scalar> unsigned Estimator<Scalar>::rigid_update()
 {
 	Averager<Scalar> &sums = state_.sums;
 	const bool force = sums.force_next;
-	const Measurement<Scalar, 3> m =
-		force ? rigid_force_measurement(params_, state_.nav, sums)
-		      : rigid_rate_measurement(params_, state_.nav, sums);
 	Scalar &spread2 = force ? sums.force_spread2 : sums.rate_spread2;
 	std::int32_t &fresh = force ? sums.fresh_force : sums.fresh_rate;
+	const bool passed =
+		force ? gated(rigid_force_measurement(params_, state_.nav, sums),
+			      params_.rigid_gate, spread2)
+		      : gated(rigid_rate_measurement(params_, state_.nav, sums),
+			      params_.rigid_gate, spread2);
 
 	sums.force_next = !force;
 	sums.clear();
-	if (!gated(m, params_.rigid_gate, spread2)) {
+	if (!passed) {
 		return FLAG_RIGID_GATED;
 	}
 	const Scalar y2 = shown_.innovation.squaredNorm();
@@ -493,7 +492,7 @@ template <class Scalar> unsigned Estimator<Scalar>::round_trip(Ticks t_ticks)
 template <class Scalar> unsigned Estimator<Scalar>::hold()
 {
 	State<Scalar> &s = state_;
-	const Measurement<Scalar, 1> m = hold_measurement(params_, s.hold);
+	const Direct<Scalar, 1, AT_VZ> m = hold_measurement(params_, s.hold);
 
 	s.hold.clear();
 	return gated(m, params_.hold_gate) ? static_cast<unsigned>(FLAG_BOUND) : 0;
@@ -502,13 +501,10 @@ template <class Scalar> unsigned Estimator<Scalar>::hold()
 /// 0 = v_xy + n: a bar does not travel sideways for long.
 template <class Scalar> void Estimator<Scalar>::bound()
 {
-	Measurement<Scalar, 2> m;
+	Direct<Scalar, 2, AT_V> m;
 
-	for (int i = 0; i < 2; i++) {
-		m.row[i].add(AT_V + i, 1);
-		m.innovation[i] = -state_.nav.v[i];
-		m.variance[i] = square(params_.bound_sigma_mps);
-	}
+	m.innovation = -state_.nav.v.template head<2>();
+	m.variance = square(params_.bound_sigma_mps);
 	correct(state_.nav, m);
 }
 

@@ -195,10 +195,11 @@ private:
 	unsigned hold();
 	void bound();
 	void centre(const Vector3<Scalar> &rate, Vector3<Scalar> &velocity, Scalar &height) const;
-	void fill(Ticks t_ticks, const Vector3<Scalar> &rate, unsigned flags,
-		  Output<Scalar> &output) const;
+	void fill(Ticks t_ticks, unsigned flags, Output<Scalar> &output) const;
 
-	template <int M> bool gated(const Measurement<Scalar, M> &m, Scalar gate, Scalar added = 0);
+	template <int M, int At, int From, int Columns>
+	bool gated(const Measurement<Scalar, M, At, From, Columns> &m, Scalar gate,
+		   Scalar added = 0);
 
 	Params<Scalar> params_;
 	PrefilterCoefficients<Scalar> prefilter_;

@@ -33,20 +33,19 @@ bool Hold<Scalar>::steady(const Params<Scalar> &params, Ticks t_ticks, Scalar v_
 }
 
 template <class Scalar>
-Measurement<Scalar, 1> hold_measurement(const Params<Scalar> &params, const Hold<Scalar> &hold)
+Direct<Scalar, 1, AT_VZ> hold_measurement(const Params<Scalar> &params, const Hold<Scalar> &hold)
 {
-	Measurement<Scalar, 1> m;
+	Direct<Scalar, 1, AT_VZ> m;
 
-	m.row[0].add(AT_V + 2, 1);
 	m.innovation[0] = -hold.sum_mps / static_cast<Scalar>(hold.count);
-	m.variance[0] = square(params.hold_sigma_mps);
+	m.variance = square(params.hold_sigma_mps);
 	return m;
 }
 
 #define BV_INSTANTIATE(Scalar)                                                                     \
 	template struct Hold<Scalar>;                                                              \
-	template Measurement<Scalar, 1> hold_measurement(const Params<Scalar> &,                   \
-							 const Hold<Scalar> &)
+	template Direct<Scalar, 1, AT_VZ> hold_measurement(const Params<Scalar> &,                 \
+							   const Hold<Scalar> &)
 
 BV_INSTANTIATE(float);
 BV_INSTANTIATE(double);

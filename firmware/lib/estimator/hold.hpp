@@ -27,7 +27,7 @@ template <class Scalar> struct Hold {
 
 /// 0 = mean of v_z over the span + n.
 template <class Scalar>
-Measurement<Scalar, 1> hold_measurement(const Params<Scalar> &params, const Hold<Scalar> &hold);
+Direct<Scalar, 1, AT_VZ> hold_measurement(const Params<Scalar> &params, const Hold<Scalar> &hold);
 
 } // namespace bv
 

@@ -36,7 +36,7 @@ public:
 		for (std::size_t i = 1; i < n; i++) {
 			total += memory_[i];
 		}
-		return total / static_cast<Scalar>(length);
+		return total * (1 / static_cast<Scalar>(length));
 	}
 
 private:

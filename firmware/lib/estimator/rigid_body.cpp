@@ -1,6 +1,8 @@
 // SPDX-License-Identifier: Apache-2.0
 #include "rigid_body.hpp"
 
+#include <algorithm>
+
 namespace bv
 {
 namespace
@@ -47,14 +49,27 @@ template <class Scalar>
 bool at_time(const History<Scalar> &history, Ticks t_ticks, Past<Scalar> &leader,
 	     Vector3<Scalar> &slope)
 {
-	int i = history.size() - 1;
+	const int newest = history.size() - 1;
 
-	if (i < 1 || t_ticks > history[i].t_ticks || t_ticks < history[0].t_ticks) {
+	if (newest < 1 || t_ticks > history[newest].t_ticks || t_ticks < history[0].t_ticks) {
 		return false;
 	}
-	do {
+	// The last entry not later than t_ticks and not the newest: near where it would be if all
+	// steps were as long as the last one.
+	const Ticks newest_ticks = history[newest].t_ticks;
+	const Scalar step_s = seconds<Scalar>(newest_ticks - history[newest - 1].t_ticks);
+	const Scalar steps_back = seconds<Scalar>(newest_ticks - t_ticks) / step_s;
+	int i = steps_back < static_cast<Scalar>(newest)
+			? newest - 1 - static_cast<int>(steps_back)
+			: 0;
+
+	i = std::max(i, 0);
+	while (i < newest - 1 && history[i + 1].t_ticks <= t_ticks) {
+		i++;
+	}
+	while (history[i].t_ticks > t_ticks) {
 		i--;
-	} while (history[i].t_ticks > t_ticks);
+	}
 
 	const Past<Scalar> &earlier = history[i];
 	const Past<Scalar> &later = history[i + 1];
@@ -82,9 +97,18 @@ void add_residual(const Params<Scalar> &params, const Nav<Scalar> &nav, Averager
 	sums.force += leader.force + cross(leader.alpha, r) + cross(w, wxr) - follower.force;
 	sums.rate += leader.rate - follower.rate;
 	// d(w x (w x r)) = -([w x r]x + [w]x [r]x) dw, and [w]x [r]x = r w^T - (w . r) I.
-	sums.centripetal -= skew(wxr);
-	sums.centripetal -= r * w.transpose();
-	sums.centripetal.diagonal().array() += w.dot(r);
+	const Scalar wr = w.dot(r);
+	Matrix3<Scalar> &C = sums.centripetal;
+
+	// At -O2 GCC would leave the loop standing.
+#pragma GCC unroll 3
+	for (int i = 0; i < 3; i++) {
+		const int next = (i + 1) % 3, last = (i + 2) % 3;
+
+		C(i, i) += wr - r[i] * w[i];
+		C(i, next) += wxr[last] - r[i] * w[next];
+		C(i, last) -= wxr[next] + r[i] * w[last];
+	}
 	sums.variance += square(params.rigid_accel_sigma_mps2) +
 			 slope.squaredNorm() * square(follower.t_sigma_s) +
 			 square(params.lever_sigma_m * (leader.alpha.norm() + w2));
@@ -92,31 +116,27 @@ void add_residual(const Params<Scalar> &params, const Nav<Scalar> &nav, Averager
 }
 
 template <class Scalar>
-Measurement<Scalar, 3> rigid_force_measurement(const Params<Scalar> &params,
-					       const Nav<Scalar> &nav, const Averager<Scalar> &sums)
+Measurement<Scalar, 3, AT_A, AT_G, 3> rigid_force_measurement(const Params<Scalar> &params,
+							      const Nav<Scalar> &nav,
+							      const Averager<Scalar> &sums)
 {
-	const Scalar n = static_cast<Scalar>(sums.count);
-	Measurement<Scalar, 3> m = direct<Scalar>(
-		AT_A, sums.force / n - nav.b_a,
-		sums.variance / n + repeats(params, sums.fresh_force) *
-					    square(params.accel_bias_sigma_mps2));
+	const Scalar share = 1 / static_cast<Scalar>(sums.count);
 
-	for (int i = 0; i < 3; i++) {
-		for (int j = 0; j < 3; j++) {
-			m.row[i].add(AT_G + j, sums.centripetal(i, j) / n);
-		}
-	}
-	return m;
+	return {sums.force * share - nav.b_a,
+		sums.variance * share +
+			repeats(params, sums.fresh_force) * square(params.accel_bias_sigma_mps2),
+		sums.centripetal * share};
 }
 
 template <class Scalar>
-Measurement<Scalar, 3> rigid_rate_measurement(const Params<Scalar> &params, const Nav<Scalar> &nav,
-					      const Averager<Scalar> &sums)
+Direct<Scalar, 3, AT_G> rigid_rate_measurement(const Params<Scalar> &params,
+					       const Nav<Scalar> &nav,
+					       const Averager<Scalar> &sums)
 {
-	return direct<Scalar>(AT_G, sums.rate / static_cast<Scalar>(sums.count) - nav.b_g,
-			      square(params.rigid_gyro_sigma_radps) +
-				      repeats(params, sums.fresh_rate) *
-					      square(params.gyro_bias_sigma_radps));
+	return {sums.rate * (1 / static_cast<Scalar>(sums.count)) - nav.b_g,
+		square(params.rigid_gyro_sigma_radps) +
+			repeats(params, sums.fresh_rate) * square(params.gyro_bias_sigma_radps),
+		{}};
 }
 
 #define BV_INSTANTIATE(Scalar)                                                                     \
@@ -127,9 +147,9 @@ Measurement<Scalar, 3> rigid_rate_measurement(const Params<Scalar> &params, cons
 	template void add_residual(const Params<Scalar> &, const Nav<Scalar> &,                    \
 				   Averager<Scalar> &, const Past<Scalar> &,                       \
 				   const Vector3<Scalar> &, const Arrival<Scalar> &);              \
-	template Measurement<Scalar, 3> rigid_force_measurement(                                   \
+	template Measurement<Scalar, 3, AT_A, AT_G, 3> rigid_force_measurement(                    \
 		const Params<Scalar> &, const Nav<Scalar> &, const Averager<Scalar> &);            \
-	template Measurement<Scalar, 3> rigid_rate_measurement(                                    \
+	template Direct<Scalar, 3, AT_G> rigid_rate_measurement(                                   \
 		const Params<Scalar> &, const Nav<Scalar> &, const Averager<Scalar> &)
 
 BV_INSTANTIATE(float);

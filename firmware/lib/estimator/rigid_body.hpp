@@ -68,14 +68,15 @@ void add_residual(const Params<Scalar> &params, const Nav<Scalar> &nav, Averager
 
 /// The averaged d_f = b_a - b_aF + n.
 template <class Scalar>
-Measurement<Scalar, 3> rigid_force_measurement(const Params<Scalar> &params,
-					       const Nav<Scalar> &nav,
-					       const Averager<Scalar> &sums);
+Measurement<Scalar, 3, AT_A, AT_G, 3> rigid_force_measurement(const Params<Scalar> &params,
+							      const Nav<Scalar> &nav,
+							      const Averager<Scalar> &sums);
 
 /// The averaged d_w = b_g - b_gF + n.
 template <class Scalar>
-Measurement<Scalar, 3> rigid_rate_measurement(const Params<Scalar> &params, const Nav<Scalar> &nav,
-					      const Averager<Scalar> &sums);
+Direct<Scalar, 3, AT_G> rigid_rate_measurement(const Params<Scalar> &params,
+					       const Nav<Scalar> &nav,
+					       const Averager<Scalar> &sums);
 
 } // namespace bv
 

@@ -58,7 +58,7 @@ private:
 
 	std::size_t slot(int i) const
 	{
-		return static_cast<std::size_t>((first_ + i) % N);
+		return static_cast<std::size_t>(first_ + i) % N;
 	}
 
 	std::array<T, static_cast<std::size_t>(N)> items_{};

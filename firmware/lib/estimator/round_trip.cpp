@@ -127,21 +127,19 @@ void add_anchor(const Params<Scalar> &params, Nav<Scalar> &nav, RoundTrip<Scalar
 }
 
 template <class Scalar>
-Measurement<Scalar, 1> return_measurement(const Params<Scalar> &params, const Nav<Scalar> &nav,
-					  const RoundTrip<Scalar> &trip, int i, Ticks t_ticks)
+Measurement<Scalar, 1, AT_PZ, AT_VZ, 3>
+return_measurement(const Params<Scalar> &params, const Nav<Scalar> &nav,
+		   const RoundTrip<Scalar> &trip, int i, Ticks t_ticks)
 {
 	const Vector3<Scalar> s = matrix(nav.q) * params.lever_leader_m;
-	Measurement<Scalar, 1> m;
+	Measurement<Scalar, 1, AT_PZ, AT_VZ, 3> m;
 
-	m.row[0].add(AT_PZ, 1);
-	m.row[0].add(AT_V + 2, -trip.since_cross_s(t_ticks));
-	m.row[0].add(AT_T, -s[1]);
-	m.row[0].add(AT_T + 1, s[0]);
 	m.innovation[0] = trip.anchor[i].height_m - trip.h_cross_m;
-	m.variance[0] = square(params.height_sigma_m) + trip.anchor[i].variance;
+	m.variance = square(params.height_sigma_m) + trip.anchor[i].variance;
 	if (trip.doubt) {
-		m.variance[0] += square(params.height_doubt_m);
+		m.variance += square(params.height_doubt_m);
 	}
+	m.coupling << -trip.since_cross_s(t_ticks), -s[1], s[0];
 	return m;
 }
 
@@ -150,7 +148,7 @@ Measurement<Scalar, 1> return_measurement(const Params<Scalar> &params, const Na
 			       Ticks, Scalar, Scalar);                                                            \
 	template int associate(const Params<Scalar> &, const Nav<Scalar> &, RoundTrip<Scalar> &);  \
 	template void add_anchor(const Params<Scalar> &, Nav<Scalar> &, RoundTrip<Scalar> &);      \
-	template Measurement<Scalar, 1> return_measurement(                                        \
+	template Measurement<Scalar, 1, AT_PZ, AT_VZ, 3> return_measurement(                       \
 		const Params<Scalar> &, const Nav<Scalar> &, const RoundTrip<Scalar> &, int,       \
 		Ticks)
 

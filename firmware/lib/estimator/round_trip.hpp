@@ -79,8 +79,9 @@ void add_anchor(const Params<Scalar> &params, Nav<Scalar> &nav, RoundTrip<Scalar
 
 /// One return to the height of anchor[i]: 0 = h(t_c) - h_anchor + n.
 template <class Scalar>
-Measurement<Scalar, 1> return_measurement(const Params<Scalar> &params, const Nav<Scalar> &nav,
-					  const RoundTrip<Scalar> &trip, int i, Ticks t_ticks);
+Measurement<Scalar, 1, AT_PZ, AT_VZ, 3>
+return_measurement(const Params<Scalar> &params, const Nav<Scalar> &nav,
+		   const RoundTrip<Scalar> &trip, int i, Ticks t_ticks);
 
 } // namespace bv
 

@@ -17,8 +17,11 @@ constexpr int AT_T = 6;
 constexpr int AT_A = 9;
 constexpr int AT_G = 12;
 constexpr int ERROR_STATES = 15;
-/// Index of the vertical position error.
+/// Indices of the vertical position and velocity errors.
 constexpr int AT_PZ = 2;
+constexpr int AT_VZ = 5;
+/// No error state.
+constexpr int NOWHERE = -1;
 
 template <class Scalar> using ErrorState = Eigen::Matrix<Scalar, ERROR_STATES, 1>;
 /// Only the upper triangle is meant; what lies below is never read.
@@ -53,68 +56,65 @@ Vector3<Scalar> predict(const Params<Scalar> &params, Nav<Scalar> &nav,
 			const Vector3<Scalar> &a_before, const Vector3<Scalar> &force,
 			const Vector3<Scalar> &rate, Scalar dt_s, const ExtraNoise<Scalar> &extra);
 
-/// One row of a measurement's Jacobian: `count` entries, the rest is zero.
-template <class Scalar> struct Row {
-	static constexpr int MOST = 4;
+/// M independent components y = H x + n of one variance, and where H is not zero.
+///
+/// H is the identity on the error states from `At` (none for NOWHERE), plus `coupling` on the
+/// Columns states from `From`. The places are known to the compiler, so P H^T takes only what
+/// it needs of P.
+template <class Scalar, int M, int At, int From = 0, int Columns = 0> struct Measurement {
+	using Vector = Eigen::Matrix<Scalar, M, 1>;
+	using Coupling = Eigen::Matrix<Scalar, M, Columns>;
 
-	int count = 0;
-	int index[MOST] = {};
-	Scalar value[MOST] = {};
-
-	void add(int at, Scalar x)
-	{
-		index[count] = at;
-		value[count] = x;
-		count++;
-	}
+	/// Measured minus predicted.
+	Vector innovation;
+	/// Of each component.
+	Scalar variance;
+	Coupling coupling;
 };
 
-/// M independent components y = H x + n: rows of H, measured minus predicted, variances.
-template <class Scalar, int M> struct Measurement {
-	Row<Scalar> row[M];
-	Scalar innovation[M];
-	Scalar variance[M];
-};
+/// The error states from `At` are measured as they are.
+template <class Scalar, int M, int At> using Direct = Measurement<Scalar, M, At>;
 
-/// The error state's 3-vector at `first` is measured directly: three components, one variance.
-template <class Scalar>
-Measurement<Scalar, 3> direct(int first, const Vector3<Scalar> &innovation, Scalar variance)
-{
-	Measurement<Scalar, 3> m;
-
-	for (int i = 0; i < 3; i++) {
-		m.row[i].add(first + i, 1);
-		m.innovation[i] = innovation[i];
-		m.variance[i] = variance;
-	}
-	return m;
-}
-
-/// What a measurement would do to the state; (6) with its components one after the other.
+/// What a measurement would do to the state: (6) with its components one after the other, on
+/// the M x M matrix S instead of on P.
+///
+/// S = H P H^T + R = L D L^T with ones on the diagonal of L. Column k of a L^-T is P H^T of
+/// component k given those before it, y of L^-1 y its innovation, and 1 / d times that column
+/// its gain.
 template <class Scalar, int M> struct Correction {
-	/// P H^T and gain of each component, given the components before it.
-	ErrorState<Scalar> a[M];
-	ErrorState<Scalar> K[M];
-	/// Error state to inject.
-	ErrorState<Scalar> dx;
+	/// P H^T, a row for each error state.
+	Scalar a[ERROR_STATES][M];
+	/// H P H^T, upper triangle.
+	Scalar s[M][M];
+	/// L below its diagonal, 1 / D, L^-1 y.
+	Scalar l[M][M];
+	Scalar inverse[M];
+	Scalar y[M];
 	/// Normalised innovation squared y^T S^-1 y.
 	Scalar nis;
+
+	/// Work out what depends on the variance, which is all but a and s.
+	void weigh(const Eigen::Matrix<Scalar, M, 1> &innovation, Scalar variance);
 };
 
 /// Work out the correction by a measurement; changes nothing.
-template <class Scalar, int M>
-Correction<Scalar, M> correction(const Nav<Scalar> &nav, const Measurement<Scalar, M> &m);
+template <class Scalar, int M, int At, int From, int Columns>
+Correction<Scalar, M> correction(const Nav<Scalar> &nav,
+				 const Measurement<Scalar, M, At, From, Columns> &m);
 
-/// Apply a correction that was worked out for this very state.
+/// Apply a correction that was worked out for this very state; it is used up.
 ///
 /// For one component with S = H a + R and K = a / S, the terms of the Joseph form,
-/// P - K a^T - a K^T + K S K^T, come to P - K a^T. Only the upper triangle is touched, so P is
+/// P - K a^T - a K^T + K S K^T, come to P - K a^T. The upper triangle alone is meant, so P is
 /// symmetric by construction.
-template <class Scalar, int M> void apply(Nav<Scalar> &nav, const Correction<Scalar, M> &c);
+template <class Scalar, int M> void apply(Nav<Scalar> &nav, Correction<Scalar, M> &c);
 
-template <class Scalar, int M> void correct(Nav<Scalar> &nav, const Measurement<Scalar, M> &m)
+template <class Scalar, int M, int At, int From, int Columns>
+void correct(Nav<Scalar> &nav, const Measurement<Scalar, M, At, From, Columns> &m)
 {
-	apply(nav, correction(nav, m));
+	Correction<Scalar, M> c = correction(nav, m);
+
+	apply(nav, c);
 }
 
 } // namespace bv

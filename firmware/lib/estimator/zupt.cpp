@@ -8,12 +8,29 @@ template <class Scalar>
 void Window<Scalar>::push(const Params<Scalar> &params, const Vector3<Scalar> &f,
 			  const Vector3<Scalar> &w)
 {
-	newest = newest + 1 < params.zupt_window ? newest + 1 : 0;
-	const auto at = static_cast<std::size_t>(newest);
+	const int half = params.zupt_window / 2;
+	Moments<Scalar> &x = slot[static_cast<std::size_t>(next)];
 
-	force[at] = f;
-	rate[at] = w;
-	excess[at] = std::sqrt(f.squaredNorm()) - params.gravity_mps2;
+	x.force = f;
+	x.rate = w;
+	x.rate2 = w.squaredNorm();
+	x.excess = std::sqrt(f.squaredNorm()) - params.gravity_mps2;
+	x.excess2 = square(x.excess);
+	if (next == 0 || next == half) {
+		finished = running;
+		running = x;
+		summed = (next == 0 ? params.zupt_window : half) - 1;
+	} else {
+		running += x;
+		// The half before begins at `half` while the first one fills.
+		if (summed > (next < half ? half : 0)) {
+			summed--;
+			slot[static_cast<std::size_t>(summed)] +=
+				slot[static_cast<std::size_t>(summed + 1)];
+		}
+	}
+	newest = next;
+	next = next + 1 == params.zupt_window ? 0 : next + 1;
 	if (filled < params.zupt_window) {
 		filled++;
 	}
@@ -22,7 +39,7 @@ void Window<Scalar>::push(const Params<Scalar> &params, const Vector3<Scalar> &f
 template <class Scalar> void Window<Scalar>::clear()
 {
 	filled = 0;
-	newest = -1;
+	next = 0;
 }
 
 template <class Scalar> bool Window<Scalar>::full(const Params<Scalar> &params) const
@@ -30,15 +47,22 @@ template <class Scalar> bool Window<Scalar>::full(const Params<Scalar> &params) 
 	return filled == params.zupt_window;
 }
 
+template <class Scalar> Moments<Scalar> Window<Scalar>::sums(const Params<Scalar> &params) const
+{
+	Moments<Scalar> all = running;
+
+	all += finished;
+	// Nothing is left of the half before that once its slots are filled anew.
+	if (next != 0 && next != params.zupt_window / 2) {
+		all += slot[static_cast<std::size_t>(next)];
+	}
+	return all;
+}
+
 template <class Scalar>
 Vector3<Scalar> Window<Scalar>::mean_force(const Params<Scalar> &params) const
 {
-	Vector3<Scalar> sum = Vector3<Scalar>::Zero();
-
-	for (std::size_t i = 0; i < static_cast<std::size_t>(params.zupt_window); i++) {
-		sum += force[i];
-	}
-	return sum / static_cast<Scalar>(params.zupt_window);
+	return sums(params).force * (1 / static_cast<Scalar>(params.zupt_window));
 }
 
 template <class Scalar>
@@ -48,93 +72,75 @@ bool window_is_still(const Params<Scalar> &params, const Window<Scalar> &window,
 	if (!window.full(params)) {
 		return false;
 	}
-	const auto n = static_cast<std::size_t>(params.zupt_window);
-	const auto newest = static_cast<std::size_t>(window.newest);
 	const Scalar share = 1 / static_cast<Scalar>(params.zupt_window);
 	const Scalar accel_limit = params.zupt_release * params.zupt_accel_var;
+	const Moments<Scalar> &newest = window.slot[static_cast<std::size_t>(window.newest)];
 
 	// A window forgets slowly; one sample far outside it ends the stillness at once. What
 	// costs least is asked first: in motion, most steps end here.
-	if ((window.rate[newest] - b_g).squaredNorm() > params.zupt_release * params.zupt_gyro_var) {
+	if ((newest.rate - b_g).squaredNorm() > params.zupt_release * params.zupt_gyro_var) {
 		return false;
 	}
 
-	Scalar excess_mean = 0;
+	const Moments<Scalar> sums = window.sums(params);
+	const Scalar excess_mean = sums.excess * share;
 
-	for (std::size_t i = 0; i < n; i++) {
-		excess_mean += window.excess[i];
-	}
-	excess_mean *= share;
-	if (square(window.excess[newest] - excess_mean) > accel_limit ||
+	if (square(newest.excess - excess_mean) > accel_limit ||
 	    std::abs(excess_mean) > params.zupt_level_mps2) {
 		return false;
 	}
 
-	Vector3<Scalar> mean = Vector3<Scalar>::Zero();
-	Scalar turning2 = 0;
+	const Vector3<Scalar> mean = sums.force * share;
 
-	for (std::size_t i = 0; i < n; i++) {
-		mean += window.force[i];
-		turning2 += (window.rate[i] - b_g).squaredNorm();
-	}
-	mean *= share;
-	turning2 *= share;
 	// The whole vector as well: a bar that sets out sideways does not change |a|.
-	if ((window.force[newest] - mean).squaredNorm() > accel_limit) {
+	if ((newest.force - mean).squaredNorm() > accel_limit) {
 		return false;
 	}
-	if (params.zupt_shoe) {
-		const Vector3<Scalar> up =
-			(params.gravity_mps2 / std::sqrt(mean.squaredNorm())) * mean;
-		Scalar off2 = 0;
 
-		for (std::size_t i = 0; i < n; i++) {
-			off2 += (window.force[i] - up).squaredNorm();
-		}
-		return off2 * share / square(params.shoe_accel_sigma_mps2) +
+	// Mean squares about a point from those about zero. What cancels is small: (0.3 m/s^2)^2
+	// at most, or a gyroscope's bias squared, against 1e-4 of a threshold.
+	const Scalar turning2 = sums.rate2 * share - 2 * share * sums.rate.dot(b_g) +
+				b_g.squaredNorm();
+
+	if (params.zupt_shoe) {
+		const Scalar g = params.gravity_mps2;
+		const Scalar off2 = sums.excess2 * share +
+				    2 * g * (g + excess_mean - std::sqrt(mean.squaredNorm()));
+
+		return off2 / square(params.shoe_accel_sigma_mps2) +
 			       turning2 / square(params.shoe_gyro_sigma_radps) <
 		       params.shoe_threshold;
 	}
-
-	Scalar spread2 = 0;
-
-	for (std::size_t i = 0; i < n; i++) {
-		spread2 += square(window.excess[i] - excess_mean);
-	}
-	return spread2 * share < params.zupt_accel_var && turning2 < params.zupt_gyro_var;
+	return sums.excess2 * share - square(excess_mean) < params.zupt_accel_var &&
+	       turning2 < params.zupt_gyro_var;
 }
 
 template <class Scalar>
-Measurement<Scalar, 3> velocity_measurement(const Params<Scalar> &params, const Nav<Scalar> &nav)
+Direct<Scalar, 3, AT_V> velocity_measurement(const Params<Scalar> &params, const Nav<Scalar> &nav)
 {
-	return direct<Scalar>(AT_V, -nav.v, params.zupt_variance);
+	return {-nav.v, params.zupt_variance, {}};
 }
 
 template <class Scalar>
-Measurement<Scalar, 3> rate_measurement(const Params<Scalar> &params, const Nav<Scalar> &nav,
-					const Vector3<Scalar> &rate)
+Direct<Scalar, 3, AT_G> rate_measurement(const Params<Scalar> &params, const Nav<Scalar> &nav,
+					 const Vector3<Scalar> &rate)
 {
-	return direct<Scalar>(AT_G, rate - nav.b_g, square(params.zaru_sigma_radps));
+	return {rate - nav.b_g, square(params.zaru_sigma_radps), {}};
 }
 
 template <class Scalar>
-Measurement<Scalar, 2> gravity_measurement(const Params<Scalar> &params, const Nav<Scalar> &nav,
-					   const Vector3<Scalar> &mean_force)
+Measurement<Scalar, 2, NOWHERE, AT_T, 6>
+gravity_measurement(const Params<Scalar> &params, const Nav<Scalar> &nav,
+		    const Vector3<Scalar> &mean_force)
 {
 	const Matrix3<Scalar> R = matrix(nav.q);
 	const Vector3<Scalar> f_world = R * (mean_force - nav.b_a);
-	Measurement<Scalar, 2> m;
+	Measurement<Scalar, 2, NOWHERE, AT_T, 6> m;
 
+	m.innovation = -f_world.template head<2>();
+	m.variance = square(params.gravity_sigma_mps2);
 	// Rows 1 and 2 of -[f_world]x, the third column left out.
-	m.row[0].add(AT_T + 1, f_world[2]);
-	m.row[1].add(AT_T, -f_world[2]);
-	for (int i = 0; i < 2; i++) {
-		for (int j = 0; j < 3; j++) {
-			m.row[i].add(AT_A + j, -R(i, j));
-		}
-		m.innovation[i] = -f_world[i];
-		m.variance[i] = square(params.gravity_sigma_mps2);
-	}
+	m.coupling << 0, f_world[2], 0, -R.row(0), -f_world[2], 0, 0, -R.row(1);
 	return m;
 }
 
@@ -142,11 +148,11 @@ Measurement<Scalar, 2> gravity_measurement(const Params<Scalar> &params, const N
 	template struct Window<Scalar>;                                                            \
 	template bool window_is_still(const Params<Scalar> &, const Window<Scalar> &,              \
 				      const Vector3<Scalar> &);                                    \
-	template Measurement<Scalar, 3> velocity_measurement(const Params<Scalar> &,               \
-							     const Nav<Scalar> &);                 \
-	template Measurement<Scalar, 3> rate_measurement(                                          \
+	template Direct<Scalar, 3, AT_V> velocity_measurement(const Params<Scalar> &,              \
+							      const Nav<Scalar> &);                \
+	template Direct<Scalar, 3, AT_G> rate_measurement(                                         \
 		const Params<Scalar> &, const Nav<Scalar> &, const Vector3<Scalar> &);             \
-	template Measurement<Scalar, 2> gravity_measurement(                                       \
+	template Measurement<Scalar, 2, NOWHERE, AT_T, 6> gravity_measurement(                     \
 		const Params<Scalar> &, const Nav<Scalar> &, const Vector3<Scalar> &)
 
 BV_INSTANTIATE(float);
