@@ -7,6 +7,7 @@ arrays here; the analysis that needed them says so in its verdict.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from functools import cache
 from typing import Any
@@ -15,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.budget import Conditions
-from hil.recording import Recording
+from hil.recording import Event, Recording
 from hil.wire.codec import Decoded, decode, physical
 from hil.wire.messages import Message
 
@@ -58,6 +59,13 @@ def seen_t_ns_bench(recording: Recording, role: str, of: NDArray[Any]) -> NDArra
     if of.size == 0:
         return np.zeros(0, dtype=np.int64)
     return recording.serial[role].t_ns_bench(of["offset"])
+
+
+def hold_s(event: Event) -> float:
+    """For how long the leader was told to stay away from the link; 0 where it was not."""
+    asked_ms = event.data.get("hold_ms") if event.kind == "disconnect" else None
+    known = isinstance(asked_ms, int | float) and math.isfinite(asked_ms)
+    return max(0.0, asked_ms / 1e3) if known and asked_ms is not None else 0.0
 
 
 def conditions(recording: Recording) -> Conditions:

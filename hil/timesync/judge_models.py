@@ -110,10 +110,12 @@ def locked(sync: Sync) -> Measurement:
     }
     return judged(
         "sync.locked_share",
-        clock_model.locked_share(sync.models),
+        clock_model.locked_share(sync.models, sync.away_ticks_leader),
         "T7",
         sync.conditions,
-        "leader's clock, time covered by locked models since the first lock",
+        "leader's clock, time covered by locked models since the first lock, less "
+        f"{len(sync.away_ticks_leader)} times that the leader was told to stay away, each until "
+        "the lock after it",
         details={"states": counts},
     )
 

@@ -157,14 +157,28 @@ def model_error(m: Models, truth: Truth, points: int = 4) -> ModelError:
     )
 
 
-def locked_share(m: Models) -> float:
-    """Share of the time since the first lock in which the model in use was locked."""
+def locked_share(m: Models, away_ticks_leader: Int | None = None) -> float:
+    """Share of the time since the first lock in which the model in use was locked.
+
+    Args:
+        away_ticks_leader: int64[k, 2], from and to: times for which the leader was told to stay
+            away. Each is left out, and what follows it until the next lock, which convergence
+            has a limit for; without a next lock only the time asked for is.
+    """
     if not np.any(m.locked):
         return 0.0
-    start = m.now_ticks_leader[int(np.argmax(m.locked))]
-    total = int(m.until_ticks_leader[-1] - start)
-    spans = (m.until_ticks_leader - m.now_ticks_leader)[m.locked]
-    return float(np.sum(spans) / total) if total > 0 else 1.0
+    begin, end = m.now_ticks_leader[m.locked], m.until_ticks_leader[m.locked]
+    total, held = int(m.until_ticks_leader[-1] - begin[0]), int(np.sum(end - begin))
+    done = int(begin[0])
+    for asked_from, asked_until in [] if away_ticks_leader is None else away_ticks_leader.tolist():
+        later = begin[begin >= asked_until]
+        since = max(asked_from, done)
+        until = min(int(later[0]) if later.size else asked_until, int(m.until_ticks_leader[-1]))
+        if until > since:
+            total -= until - since
+            held -= int(np.sum(np.maximum(np.minimum(end, until) - np.maximum(begin, since), 0)))
+            done = until
+    return held / total if total > 0 else 1.0
 
 
 def time_to_lock_s(m: Models, first_event_ticks: dict[int, int]) -> dict[int, float]:

@@ -19,6 +19,7 @@ from hil.imu import measures, outages
 from hil.imu.batches import Batches, Continuity, batches, continuity, delivery
 from hil.measure import Verdict
 from hil.recording import Event, Recording
+from hil.streams import hold_s
 from hil.synthesis import Plan, synthesise
 from hil.wire.messages import IMU_FLAGS
 
@@ -224,11 +225,32 @@ def test_a_hole_around_a_disconnection_asked_for_is_an_outage() -> None:
     assert (found.first, found.end, found.samples) == (100, 260, 160)
     # From the batch of sample 96 to that of 260 at 400 Hz, less the hold.
     assert found.duration_s == pytest.approx(0.41 - 0.1)
-    (measured,) = outages.measure(recording, [found], Conditions(7500.0))
+    obeyed, measured = outages.measure(recording, [found], Conditions(7500.0))
     assert measured.verdict is Verdict.PASS
+    assert (obeyed.value, obeyed.verdict) == (pytest.approx(0.31), Verdict.PASS)
     slow = replace(found, duration_s=1.2)
-    (measured,) = outages.measure(recording, [slow], Conditions(7500.0))
+    _, measured = outages.measure(recording, [slow], Conditions(7500.0))
     assert measured.verdict is Verdict.FAIL
+
+
+def test_a_hold_that_is_not_obeyed_fails() -> None:
+    recording, copy = outage_run(hold_ms=5000)
+    asked = outages.asked_for(recording, copy)
+    obeyed, measured = outages.measure(recording, asked, Conditions(7500.0))
+    assert obeyed.name == "imu.follower_at_leader.hold_exceeded_s"
+    assert obeyed.value == pytest.approx(0.41 - 5.0)
+    assert obeyed.verdict is Verdict.FAIL
+    # An interruption that takes no time is well below every limit of L7.
+    assert measured.verdict is Verdict.PASS
+    # A hold around which nothing is missing was not obeyed either.
+    assert outages.measure(recording, [], Conditions(7500.0))[0].verdict is Verdict.FAIL
+    unheld, _ = outage_run()
+    assert len(outages.measure(unheld, asked, Conditions(7500.0))) == 1
+
+
+@pytest.mark.parametrize("asked", [None, "long", -5, math.nan, math.inf])
+def test_a_hold_that_is_no_time_is_none(asked: object) -> None:
+    assert hold_s(Event(0, "disconnect", "leader", {"hold_ms": asked})) == 0.0
 
 
 def test_a_hole_elsewhere_is_none() -> None:

@@ -290,6 +290,21 @@ def test_locked_share_counts_time_not_frames() -> None:
     assert model.locked_share(make_models([])) == 0.0
 
 
+def test_locked_share_leaves_out_what_was_asked_for() -> None:
+    """Locked 1-5 and 14-18 s, and told to stay away from 5 to 10 s: locked again 4 s after that."""
+    m = make_models([(1, 2, 1), (5, 3, 1), (12, 1, 2), (14, 2, 2), (18, 3, 2)])
+    assert model.locked_share(m) == pytest.approx(8 / 17)
+    away = np.array([[5 * RATE, 10 * RATE]])
+    assert model.locked_share(m, away) == 1.0
+    # Lock lost at another time still counts, once, however often it was asked for.
+    m = make_models([(1, 2, 1), (5, 3, 1), (14, 2, 2), (18, 3, 2), (20, 3, 2)])
+    assert model.locked_share(m, away) == pytest.approx(8 / 10)
+    assert model.locked_share(m, np.repeat(away, 2, axis=0)) == pytest.approx(8 / 10)
+    # Nor is a lock that never comes again put down to the hold: 4 of 20 - 1 - 5 s.
+    m = make_models([(1, 2, 1), (5, 3, 1), (20, 3, 1)])
+    assert model.locked_share(m, away) == pytest.approx(4 / 14)
+
+
 def test_time_to_lock_by_generation() -> None:
     m = make_models([(1, 1, 1), (4, 2, 1), (9, 1, 2), (12, 3, 3)])
     times = model.time_to_lock_s(m, {1: RATE, 2: 8 * RATE, 3: 11 * RATE})

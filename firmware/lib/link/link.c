@@ -196,7 +196,10 @@ static void link_thread(void *p1, void *p2, void *p3)
 	ARG_UNUSED(p3);
 	(void)k_sem_take(&bluetooth_ready, K_FOREVER);
 	for (;;) {
-		k_sleep(K_MSEC(atomic_clear(&hold_ms)));
+		/* Taken once: K_MSEC() evaluates its argument twice. */
+		const atomic_val_t hold = atomic_clear(&hold_ms);
+
+		k_sleep(K_MSEC(hold));
 		k_sem_reset(&attempt_ended);
 		if (link_role_seek() != 0 || k_sem_take(&attempt_ended, CONNECT_TIMEOUT) != 0 ||
 		    last_connect_error != 0U) {

@@ -109,11 +109,18 @@ int link_role_seek(void)
 		.latency = 0,
 		.timeout = CONFIG_BV_SUPERVISION_TIMEOUT,
 	};
+	/* Duplicates, too: who is left aside now advertises again when the time is over. */
+	static const struct bt_le_scan_param scan_param = {
+		.type = BT_LE_SCAN_TYPE_PASSIVE,
+		.options = BT_LE_SCAN_OPT_NONE,
+		.interval = BT_GAP_SCAN_FAST_INTERVAL_MIN,
+		.window = BT_GAP_SCAN_FAST_WINDOW,
+	};
 	struct bt_conn *conn = NULL;
 	int err;
 
 	k_sem_reset(&peer_found);
-	err = bt_le_scan_start(BT_LE_SCAN_PASSIVE_CONTINUOUS, on_advertisement);
+	err = bt_le_scan_start(&scan_param, on_advertisement);
 	if (err && err != -EALREADY) {
 		return err;
 	}
