@@ -46,6 +46,6 @@ def _row(damaged: float) -> Row:
         met=met,
         lacking=""
         if met
-        else f"{300 / ours:.2f} times too slow, or {10 * loop / ours:.2f} of the loop: a third is "
-        "new memory, as records grow by copying (native/streams.cpp); growing in place comes next",
+        else f"{300 / ours:.2f} times too slow, or {10 * loop / ours:.2f} of the loop: "
+        "places and lengths are kept of all chunks; keeping those of lines alone comes next",
     )

@@ -33,7 +33,7 @@ def rows() -> list[Row]:
             for role in ("leader", "follower"):
                 build.build(role, "sim")
             before = _used()
-            run.live("sim", scenario, None, Path(folder, "run.mcap"))
+            run.live("sim", scenario, None, Path(folder, "run.mcap"), _silent)
         except HilError as error:
             return [Row(WORK, "not measured", str(error).splitlines()[0], None, None, AIM, None)]
         own, simulator = (b - a for a, b in zip(before, _used(), strict=True))
@@ -50,6 +50,10 @@ def rows() -> list[Row]:
             lacking="" if times <= 1.3 else f"{times:.2f} times",
         )
     ]
+
+
+def _silent(share: float, what: str) -> None:
+    """Progress is nobody's concern here."""
 
 
 def _used() -> tuple[float, float]:

@@ -1,501 +1,164 @@
 # SPDX-License-Identifier: Apache-2.0
-"""The ``hil`` command. Each command is thin: parse, call one function, show the result."""
+"""The ``hil`` command: every command by name, read only when it is called or asked for help.
+
+Typer reads the type hints of whatever it knows, and rich's help imports a Markdown parser; both
+take longer than most commands. So the top level knows a name and a line of help for each, and its
+own help and errors are plain text; ``hil COMMAND --help`` is painted by rich.
+"""
 
 from __future__ import annotations
 
-import enum
 import errno
 import sys
-from collections.abc import Iterator
-from contextlib import ExitStack
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Final
 
 import typer
-
-from hil import tools_cli
-from hil.bench import BENCH_FILE
-from hil.bench import cli as bench_cli
-from hil.compare import cli as compare_cli
-from hil.exchange import cli as exchange_cli
-from hil.history import cli as history_cli
-from hil.live import cli as live_cli
-from hil.log import cli as log_cli
-from hil.plot import cli as plot_cli
-from hil.progress import bar as _progress
-from hil.sbom import cli as sbom_cli
-from hil.soak import cli as soak_cli
-from hil.stringpot import cli as stringpot_cli
-from hil.tuning import cli as tuning_cli
+from typer.core import TyperGroup
 
 if TYPE_CHECKING:
-    from hil.build import BabbleSim, Manifest
     from hil.errors import HilError
-    from hil.recording import Recording
-    from hil.report import Document
+
+COMMANDS: Final = {
+    "build": (
+        "hil.runs_cli:build",
+        "Build the firmware images with west and print their manifests.",
+    ),
+    "record": (
+        "hil.runs_cli:record",
+        "Run a scenario live and keep everything it produced as a recording.",
+    ),
+    "replay": ("hil.runs_cli:replay", "Judge recordings and print every measurement."),
+    "report": (
+        "hil.runs_cli:report",
+        "Write report.json, junit.xml, badge.json and one self-contained index.html.",
+    ),
+    "calibrate": (
+        "hil.runs_cli:calibrate",
+        "Calibrate a unit's sensor: lay it on six faces, leave it for a minute.",
+    ),
+    "noise": (
+        "hil.runs_cli:noise",
+        "Show a sensor's white noise and bias instability, by the Allan deviation of a long rest.",
+    ),
+    "pil": (
+        "hil.runs_cli:pil",
+        "Run the estimator on an emulated Cortex-M4F: equal bits, instructions, load, stack.",
+    ),
+    "log": (
+        "hil.log.cli:log",
+        "Log what the boards say on their serial ports, frames and text, until Ctrl-C.",
+    ),
+    "compare": (
+        "hil.compare.cli:compare",
+        "Run ours and other published trackers over the same samples: a league table.",
+    ),
+    "reps": (
+        "hil.tools_cli:reps",
+        "Show the repetitions of a recording, with velocities, times, range and tilt.",
+    ),
+    "truth": (
+        "hil.tools_cli:truth",
+        "Align an outside reference with the estimate and show the errors of the estimate.",
+    ),
+    "export": (
+        "hil.exchange.cli:export",
+        "Write a recording for other programs: samples, estimates, sync, events, repetitions.",
+    ),
+    "import": (
+        "hil.exchange.cli:import_",
+        "Make a recording of IMU data: of an export, or of another rig's one or two sensors.",
+    ),
+    "plot": (
+        "hil.plot.cli:plot",
+        "Draw a recording: samples, velocity, all 16 states with ±1 σ, stillness, repetitions.",
+    ),
+    "live": (
+        "hil.live.cli:live",
+        "Show a set as it is lifted: count, velocity, both sensors and their health, in a browser.",
+    ),
+    "link-key": (
+        "hil.link_key_cli:link_key",
+        "Give both nodes a random key of their own: no other node can join the link.",
+    ),
+    "sbom": (
+        "hil.sbom.cli:sbom",
+        "Write the bill of materials of images that were built: CycloneDX 1.6, JSON.",
+    ),
+    "soak": (
+        "hil.soak.cli:soak",
+        "Show what each hour of a long recording was like, and whether anything drifts.",
+    ),
+    "doctor": (
+        "hil.bench.cli:doctor",
+        "Check this machine and the bench: tools, permissions, boards, ports, wires.",
+    ),
+    "bench": ("hil.bench.cli:app", "The real bench: two boards, their probes, ports and wires."),
+    "history": (
+        "hil.history.cli:app",
+        "Every run ever judged: list them, show how a measurement went, find flaky checks.",
+    ),
+    "tune": ("hil.tuning.cli:app", "Choose the estimator's parameters on recordings."),
+    "stringpot": (
+        "hil.stringpot.cli:app",
+        "A string potentiometer on an ESP32 as an outside reference: calibrate, log, convert.",
+    ),
+}
+"""Name -> module:function (or group of commands), first line of its help."""
+
+
+class OnDemand(TyperGroup):
+    """The commands of :data:`COMMANDS`: None until one is asked for by name."""
+
+    def __init__(self, **settings: Any) -> None:
+        super().__init__(**settings)
+        known: dict[str, Any] = {**dict.fromkeys(COMMANDS), **self.commands}
+        self.commands = known
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        """The command, its module imported; None for a name that there is not."""
+        if cmd_name in COMMANDS and self.commands[cmd_name] is None:
+            self.commands[cmd_name] = _read(cmd_name)
+        return super().get_command(ctx, cmd_name)
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """The table as it stands, nothing being imported for it."""
+        with formatter.section("Commands"):
+            formatter.write_dl([(name, line) for name, (_, line) in COMMANDS.items()])
+
+
+def _read(name: str) -> Any:
+    module, attribute = COMMANDS[name][0].split(":")
+    found = getattr(import_module(module), attribute)
+    around = typer.Typer(add_completion=False, rich_markup_mode="rich")
+    if isinstance(found, typer.Typer):
+        around.add_typer(found)
+    else:
+        around.command(name)(found)
+    return typer.main.get_group(around).commands[name]
+
 
 app = typer.Typer(
     name="hil",
+    cls=OnDemand,
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
-    rich_markup_mode="rich",
-    help="Hardware-in-the-loop rig for the two-node barbell velocity tracker: build the firmware, "
-    "run it, record it, judge it.",
-    epilog="Example: [bold]hil replay fixtures/recordings/clean-7ms5[/bold]",
+    rich_markup_mode=None,
+    epilog="Example: hil replay fixtures/recordings/clean-7ms5",
 )
 
 
-class Role(enum.StrEnum):
-    LEADER = "leader"
-    FOLLOWER = "follower"
-
-
-class Target(enum.StrEnum):
-    DK = "nrf52840dk"
-    SIM = "sim"
-
-
-class Board(enum.StrEnum):
-    SIM = "sim"
-    BENCH = "bench"
-
-
-WorkspaceOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--workspace",
-        help="Zephyr workspace (default: ZEPHYR_BASE, the enclosing west workspace, "
-        "~/zephyrproject).",
-    ),
-]
-
-InjectOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--inject",
-        metavar="KIND[:STREAM][=VALUE][@FROM..TO]",
-        help="Make a fault, to see the checks catch it: docs/faults.md; may be repeated.",
-    ),
-]
-
-HistoryOption = Annotated[
-    Path | None,
-    typer.Option(help="Keep the run in this history, e.g. build/history.sqlite: hil history."),
-]
-
-
-@app.command()
-def build(
-    role: Annotated[Role | None, typer.Option(help="Only this role (default: both).")] = None,
-    target: Annotated[Target | None, typer.Option(help="Only this target (default: both).")] = None,
-    workspace: WorkspaceOption = None,
-    where: Annotated[
-        bool, typer.Option("--where", help="Only print the workspace that would be used.")
-    ] = False,
-) -> None:
-    """Build the firmware images with west and print their manifests.
-
-    Example: [bold]hil build --role leader --target sim[/bold]
-    """
-    from rich.console import Console  # noqa: PLC0415 (start-up time of --help)
-
-    from hil import build as orchestrator  # noqa: PLC0415
-    from hil.report import terminal  # noqa: PLC0415
-
-    if where:
-        typer.echo(orchestrator.find_workspace(workspace).path)
-        return
-    console = Console()
-    for one_target in [target] if target else list(Target):
-        for one_role in [role] if role else list(Role):
-            with _progress(f"{one_role} for {one_target}") as progress:
-                manifest = orchestrator.build(
-                    one_role.value, one_target.value, workspace=workspace, progress=progress
-                )
-            if manifest.unchanged:
-                console.print(f"{one_role} for {one_target}: nothing changed since it was built")
-            terminal.render_manifest(manifest.to_mapping(), console)
-
-
-@app.command()
-def record(
-    scenario: Annotated[Path, typer.Argument(help="Scenario file, TOML.")],
-    output: Annotated[
-        Path, typer.Option("-o", "--output", help="Folder of the new recording; must not exist.")
-    ],
-    *,
-    board: Annotated[Board, typer.Option(help="Where to run.")] = Board.SIM,
-    workspace: WorkspaceOption = None,
-    images: Annotated[
-        Path | None,
-        typer.Option(help="On the bench: images built before, in DIR/leader and DIR/follower."),
-    ] = None,
-    lock_wait: Annotated[
-        float, typer.Option(min=0.0, help="On the bench: wait so long for another run's end, s.")
-    ] = 0.0,
-    inject: InjectOption = None,
-    history: HistoryOption = None,
-) -> None:
-    """Run a scenario live and keep everything it produced as a recording.
-
-    Exit code 1 when a check failed, 10 when the rig did.
-
-    Example: [bold]hil record fixtures/scenarios/clean-7ms5.toml -o my-run[/bold]
-
-    Example: [bold]hil record --inject drop:follower=1e-4@5..20 SCENARIO -o my-run[/bold]
-    """
-    from hil import library, run  # noqa: PLC0415
-    from hil.errors import RigError  # noqa: PLC0415
-    from hil.faults import parse_all, refuse_unless_possible  # noqa: PLC0415
-
-    injected = parse_all(inject or ())
-    refuse_unless_possible(injected, board.value)
-    path = library.target(output.parent, output.name)
-    try:
-        with _progress(f"recording {scenario.stem}") as progress:
-            bench = run.BenchOptions(images=images, lock_wait_s=lock_wait)
-            recording = run.live(
-                *(board.value, scenario, workspace, path, progress),
-                bench=bench,
-                inject=injected,
-            )
-    except BaseException as error:
-        if not path.exists():
-            path.parent.rmdir()
-        if isinstance(error, RigError):
-            typer.echo(f"hil: {error}", err=True)
-            raise typer.Exit(_exit_code("rig_failure")) from error
-        raise
-    library.write_readme(recording, path)
-    typer.echo(f"recorded {path}")
-    _judge_and_show([(path, recording)], history, live=True)
-
-
-@app.command()
-def replay(
-    recordings: Annotated[list[Path], typer.Argument(help="Recording folders or .mcap files.")],
-    param: Annotated[
-        list[str] | None,
-        typer.Option("--param", help="Instead: the estimator with NAME=VALUE; may be repeated."),
-    ] = None,
-    inject: InjectOption = None,
-) -> None:
-    """Judge recordings and print every measurement.
-
-    With --param: run the estimator over them again with other parameters, and print what changes.
-
-    Exit code 1 when a check failed, 10 when a recording is not whole.
-
-    Example: [bold]hil replay fixtures/recordings/clean-7ms5[/bold]
-
-    Example: [bold]hil replay --param zupt_dwell=60 fixtures/recordings/clean-7ms5[/bold]
-
-    Example: [bold]hil replay --inject drop=1e-4 fixtures/recordings/clean-7ms5[/bold]
-    """
-    from hil.faults import apply, parse_all  # noqa: PLC0415
-
-    injected = parse_all(inject or ())
-    if param and injected:
-        raise typer.BadParameter("--param and --inject do not go together")
-    if param:
-        tuning_cli.replay_with(recordings, param)
-        return
-    _judge_and_show([(path, apply.inject(one, injected)) for path, one in _load(recordings)])
-
-
-@app.command()
-def report(
-    recordings: Annotated[list[Path], typer.Argument(help="Recording folders or .mcap files.")],
-    output: Annotated[Path, typer.Option("-o", "--output", help="Folder to write to.")],
-    *,
-    compare: Annotated[
-        bool,
-        typer.Option(
-            "--compare",
-            help="Put two side by side: recordings, report.json files, or their folders.",
-        ),
-    ] = False,
-    summary: Annotated[
-        Path | None,
-        typer.Option(
-            envvar="GITHUB_STEP_SUMMARY", help="Append a Markdown summary of the job to this file."
-        ),
-    ] = None,
-    league: Annotated[
-        Path | None,
-        typer.Option(help="Show this league of other trackers too: league.json of hil compare."),
-    ] = None,
-    history: HistoryOption = None,
-) -> None:
-    """Write report.json, junit.xml, badge.json and one self-contained index.html.
-
-    A recording that was made to fail counts as sound when its named checks fail.
-    Exit code 0 when all is sound, 1 when a check of the product failed, 10 when the rig failed, 11
-    when nothing was run.
-
-    With --compare: compare.html and a table, what changed first; exit code 1 when a check of the
-    second is worse than the first's and does not pass.
-
-    Example: [bold]hil report fixtures/recordings/* -o build/report[/bold]
-
-    Example: [bold]hil report --compare runs/before runs/today -o build/compare[/bold]
+@app.callback()
+def _hil() -> None:
+    """Hardware-in-the-loop rig for the two-node barbell velocity tracker: build the firmware,
+    run it, record it, judge it.
     """
 
-    from hil import report as views  # noqa: PLC0415
-    from hil.report import summary as job  # noqa: PLC0415
 
-    if compare:
-        _compare(recordings, output)
-        return
-    document = _judged(recordings)
-    if league is not None:
-        from hil.compare import show  # noqa: PLC0415
-
-        rows, _ = show.read_json(league)
-        document["league"] = show.as_tables(rows)
-    views.write(document, output)
-    views.terminal.render(document, views.terminal.console())
-    typer.echo(f"report: {output / 'index.html'}")
-    if summary is not None:
-        job.append(document, summary)
-    _keep(document, history)
-    raise typer.Exit(_exit_code(document["outcome"]))
-
-
-def _judged(recordings: list[Path]) -> Document:
-    from hil import report as views  # noqa: PLC0415
-    from hil.judging import judge_files  # noqa: PLC0415
-
-    judged = []
-    with _progress("judging") as progress:
-        loaded = list(_load(recordings))
-        found = judge_files([path for path, _ in loaded])
-        for n, ((path, recording), one) in enumerate(zip(loaded, found, strict=True), 1):
-            progress(n / len(loaded), str(path))
-            judged.append(views.Result(recording, *one))
-        return views.build(judged)
-
-
-def _compare(paths: list[Path], output: Path) -> None:
-    from hil.report import compare, compare_page, reading, terminal  # noqa: PLC0415
-
-    if len(paths) != 2:
-        raise typer.BadParameter("--compare takes two: hil report --compare A B -o DIR")
-    first, second = (
-        reading.load(path) if reading.is_report(path) else _judged([path]) for path in paths
-    )
-    found = compare.compare(first, second, (str(paths[0]), str(paths[1])))
-    page = compare_page.write(found, output)
-    compare.render(found, terminal.console())
-    typer.echo(f"comparison: {page}")
-    raise typer.Exit(1 if found.worse else 0)
-
-
-def _keep(document: Document, history: Path | None) -> None:
-    if history is None:
-        return
-    from hil.history.store import open_history  # noqa: PLC0415
-
-    with open_history(history, create=True) as kept:
-        kept.add(document)
-
-
-def _exit_code(outcome: str) -> int:
-    from hil.report import EXIT_CODES  # noqa: PLC0415
-
-    return EXIT_CODES[outcome]
-
-
-@app.command()
-def calibrate(
-    *,
-    role: Annotated[Role, typer.Option(help="Which unit.")],
-    port: Annotated[
-        str | None, typer.Option(help="Its serial port (default: as boards/bench.toml says).")
-    ] = None,
-    board: Annotated[Board, typer.Option(help="Where the unit is.")] = Board.BENCH,
-    poses: Annotated[
-        int,
-        typer.Option(min=6, max=24, help="Six faces and more; from 9 on skewed axes are fitted."),
-    ] = 6,
-    rest_s: Annotated[
-        float, typer.Option("--rest", min=5.0, max=3600.0, help="Rest for the gyroscope, s.")
-    ] = 60.0,
-    gravity_mps2: Annotated[
-        float, typer.Option("--gravity", min=9.76, max=9.84, help="Where you are, m/s^2.")
-    ] = 9.80665,
-    source: Annotated[
-        Path | None, typer.Option("--from", help="Write this record instead of measuring.")
-    ] = None,
-    to_defaults: Annotated[
-        Path | None,
-        typer.Option(help="Write a Kconfig fragment to this file, not to the unit."),
-    ] = None,
-    dry_run: Annotated[bool, typer.Option(help="Measure and show; write nothing.")] = False,
-    yes: Annotated[bool, typer.Option("--yes", help="Write without asking.")] = False,
-    folder: Annotated[Path, typer.Option(help="Where records are kept.")] = Path("calibrations"),
-    seed: Annotated[int, typer.Option(help="Which chip the simulated unit has.")] = 1,
-    speed: Annotated[
-        float, typer.Option(min=0.0, help="Pace of the simulated unit; 0: as fast as it goes.")
-    ] = 5.0,
-    workspace: WorkspaceOption = None,
-) -> None:
-    """Calibrate a unit's sensor: lay it on six faces, leave it for a minute.
-
-    It takes 3 min. Each face is taken by itself, once the unit lies still.
-    Then the result is shown, and a question asked. Only after that something
-    is written: a record in --folder, and the unit's flash, which is read back;
-    the unit is reset and its boot check looked at. Ctrl-C is safe at any time.
-
-    With --from and --to-defaults together no unit is needed.
-
-    Example: [bold]hil calibrate --role leader --board sim --dry-run[/bold]
-    """
-    from rich.console import Console  # noqa: PLC0415
-
-    from hil import units  # noqa: PLC0415
-    from hil.calibration.record import load  # noqa: PLC0415
-    from hil.calibration.tool import command, guide  # noqa: PLC0415
-    from hil.calibration.tool.screen import Screen  # noqa: PLC0415
-
-    screen = Screen(Console(), yes)
-    if source is not None and to_defaults is not None:
-        command.write_defaults(load(source), to_defaults, screen, dry_run=dry_run)
-        return
-    with ExitStack() as stack:
-        if port is not None:
-            reached = stack.enter_context(units.at_port(port))
-        elif board is Board.SIM:
-            image, babblesim = _image_for_sim(role, workspace)
-            reached = stack.enter_context(units.simulated(image, babblesim, seed=seed, speed=speed))
-            screen.say(reached.note, "cyan")
-        else:
-            reached = stack.enter_context(units.on_bench(role.value, BENCH_FILE))
-        command.calibrate(
-            reached.port,
-            role.value,
-            guide.Plan(poses, rest_s, gravity_mps2),
-            screen,
-            helper=reached.helper,
-            source=source,
-            to_defaults=to_defaults,
-            folder=folder,
-            dry_run=dry_run,
-        )
-
-
-def _image_for_sim(role: Role, workspace: Path | None) -> tuple[Manifest, BabbleSim]:
-    from hil import build as orchestrator  # noqa: PLC0415
-
-    with _progress(f"building {role} for sim") as progress:
-        image = orchestrator.build(role.value, "sim", workspace=workspace, progress=progress)
-    return image, orchestrator.find_babblesim(orchestrator.find_workspace(workspace))
-
-
-@app.command()
-def noise(
-    recording: Annotated[Path, typer.Argument(help="Recording of units that lie still.")],
-    role: Annotated[Role | None, typer.Option(help="Only this unit (default: both).")] = None,
-) -> None:
-    """Show a sensor's white noise and bias instability, by the Allan deviation of a long rest.
-
-    Example: [bold]hil noise fixtures/recordings/cal-boot --role leader[/bold]
-    """
-    from rich.console import Console  # noqa: PLC0415
-
-    from hil.calibration.noise import rest_noise  # noqa: PLC0415
-    from hil.calibration.noise_table import table  # noqa: PLC0415
-
-    console = Console()
-    ((_, loaded),) = _load([recording])
-    for one in [role] if role else list(Role):
-        console.print(table(one.value, rest_noise(loaded, one.value)))
-
-
-@app.command()
-def pil(
-    inputs: Annotated[
-        list[str] | None,
-        typer.Argument(help="Recordings, or names of simulated lifts (default: bench deadlift)."),
-    ] = None,
-    seed: Annotated[int, typer.Option(help="Of chips, noise and motion.")] = 3,
-    batch: Annotated[
-        int, typer.Option(min=1, max=16, help="Follower samples that arrive at once.")
-    ] = 4,
-) -> None:
-    """Run the estimator on an emulated Cortex-M4F: equal bits, instructions, load, stack.
-
-    Exit 1 when a check fails.
-
-    Example: [bold]hil pil snatch fixtures/recordings/imu-rest[/bold]
-    """
-    from hil import pil as processor  # noqa: PLC0415
-    from hil.pil import show  # noqa: PLC0415
-    from hil.report import terminal  # noqa: PLC0415
-
-    names = inputs or ["bench", "deadlift"]
-    sound = True
-    with _progress("building for the Cortex-M4F") as progress:
-        image = processor.build(progress=progress)
-    for name in names:
-        with _progress(name) as progress:
-            if Path(name).exists():
-                samples, params = processor.recorded(Path(name))
-            else:
-                samples, params = processor.simulated(name, seed, batch_samples=batch), None
-            found = processor.assess(image, samples, params, progress=progress)
-        judged = processor.measurements(found)
-        show.render(name, found, judged, terminal.console())
-        sound = sound and all(one.verdict.ok for one in judged)
-    if not sound:
-        raise typer.Exit(1)
-
-
-def _load(paths: list[Path]) -> Iterator[tuple[Path, Recording]]:
-    from hil import library  # noqa: PLC0415
-    from hil.recording import load  # noqa: PLC0415
-
-    for path in paths:
-        file = library.resolve(path)
-        yield file, load(file)
-
-
-def _judge_and_show(
-    loaded: list[tuple[Path, Recording]], history: Path | None = None, *, live: bool = False
-) -> None:
-
-    from hil import checks  # noqa: PLC0415
-    from hil import report as views  # noqa: PLC0415
-
-    document = views.build(
-        views.Result(recording, checks.evaluate(recording), live=live) for _, recording in loaded
-    )
-    views.terminal.render(document, views.terminal.console())
-    _keep(document, history)
-    raise typer.Exit(
-        _exit_code(views.gravest_outcome(entry["outcome"] for entry in document["recordings"]))
-    )
-
-
-app.add_typer(bench_cli.app)
-app.add_typer(history_cli.app)
-app.add_typer(tuning_cli.app)
-app.add_typer(stringpot_cli.app)
-app.command()(log_cli.log)
-app.command()(compare_cli.compare)
-app.command()(tools_cli.reps)
-app.command()(tools_cli.truth)
-app.command()(exchange_cli.export)
-app.command("import")(exchange_cli.import_)
-app.command()(plot_cli.plot)
-app.command()(live_cli.live)
-app.command()(sbom_cli.sbom)
-app.command()(soak_cli.soak)
-app.command()(bench_cli.doctor)
-
-
-_DISK = (errno.EACCES, errno.EDQUOT, errno.EFBIG, errno.ENOSPC, errno.EPERM, errno.EROFS)
+_DISK = (
+    *(errno.EACCES, errno.EDQUOT, errno.EFBIG, errno.ENOSPC, errno.EPERM, errno.EROFS),
+    *(errno.EEXIST, errno.EISDIR, errno.ENOTDIR),
+)
 
 
 def _disk_error(error: OSError) -> HilError:

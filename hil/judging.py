@@ -11,7 +11,7 @@ from pathlib import Path
 from hil import checks
 from hil.measure import Measurement
 from hil.process.pool import pool
-from hil.recording import load
+from hil.recording import Recording, load
 from hil.series import Series
 
 Judged = tuple[list[Measurement], list[Series]]
@@ -36,6 +36,20 @@ def judge_files(files: Sequence[Path], jobs: int | None = None) -> Iterator[Judg
         yield from workers.map(_judge, files)
 
 
+def judge_loaded(loaded: Sequence[tuple[Path, Recording]]) -> Iterator[Judged]:
+    """As :func:`judge_files`, of recordings that are in memory already.
+
+    One alone is judged as it is; other processes read theirs from the files.
+    """
+    if len(loaded) == 1:
+        yield _judge_one(loaded[0][1])
+    else:
+        yield from judge_files([path for path, _ in loaded])
+
+
 def _judge(file: Path) -> Judged:
-    recording = load(file)
+    return _judge_one(load(file))
+
+
+def _judge_one(recording: Recording) -> Judged:
     return checks.evaluate(recording), checks.series(recording)

@@ -26,6 +26,8 @@ from hil.wire.messages import TICK_RATE_HZ
 Int = NDArray[np.int64]
 Float = NDArray[np.float64]
 
+_BLOCK: Final = 1 << 16
+"""Samples that are compared at once."""
 PERIOD_SPAN_S: Final = 0.5
 """The chip's true period is taken over so long, around the sample it is compared at."""
 WORDS_PER_SLOT: Final = 2
@@ -160,9 +162,14 @@ def samples_wrong(c: Compared) -> tuple[int, int]:
     calibration in force; samples compared."""
     row = c.tie.row(c.b.sample_index)
     of_batch = np.repeat(np.arange(len(c.b)), c.b.count)
-    wanted = expected_counts(c.b, of_batch, c.truth.counts[np.maximum(row, 0)], c.correction)
-    equal = np.all(c.b.samples == wanted, axis=1) & (row >= 0)
-    return int(np.sum(~equal)), int(equal.size)
+    wrong = 0
+    for begin in range(0, row.size, _BLOCK):
+        some = slice(begin, begin + _BLOCK)
+        slots = c.truth.counts[np.maximum(row[some], 0)]
+        wanted = expected_counts(c.b, of_batch[some], slots, c.correction)
+        equal = np.all(c.b.samples[some] == wanted, axis=1) & (row[some] >= 0)
+        wrong += int(np.sum(~equal))
+    return wrong, int(row.size)
 
 
 def measure_fifo(recording: Recording, role: str, sync: Sync) -> list[Measurement]:

@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 
 from hil.budget import WINDOW_S, Conditions
 from hil.recording import Recording
-from hil.streams import ROLES, conditions, frames, seen_t_ns_bench, table
+from hil.streams import ROLES, conditions, frames, hold_s, seen_t_ns_bench, table
 from hil.timesync.fit import Lines, deviations, trailing_lines
 from hil.timesync.model import Models, Progress, models, progress
 from hil.timesync.pairs import Agreement, Captures, Pairs, Reported, captures, compare, join
 from hil.timesync.pairs import reported as read_reported
 from hil.timesync.pulses import Pulses, pulses
+from hil.timesync.ticks import distinct
 from hil.timesync.truth import TICKS_PER_US, NodeClock, Truth, Vote, edges_local_us, vote
 from hil.wire.messages import TICK_RATE_HZ
 
@@ -57,6 +58,7 @@ class Sync:
     agreement: Agreement
     reported_error_ns: Float
     leader_clock: Progress
+    away_ticks_leader: Int
     models: Models
     refit: Lines
     pulses: dict[str, Pulses]
@@ -101,6 +103,20 @@ def analyse(recording: Recording) -> Sync:
     return kept
 
 
+def away(recording: Recording, clock: Progress) -> Int:
+    """int64[k, 2]: from and to, in leader ticks, of each hold that the run asked for, in order."""
+    asked_ns = sorted(
+        (float(event.t_ns_bench), event.t_ns_bench + hold_s(event) * 1e9)
+        for event in recording.events
+        if hold_s(event) > 0
+    )
+    if not asked_ns or clock.offset.size == 0:
+        return np.zeros((0, 2), dtype=np.int64)
+    seen_ns = recording.serial["leader"].t_ns_bench(clock.offset)
+    ticks = np.interp(np.array(asked_ns), seen_ns, clock.ticks_leader)
+    return np.asarray(np.rint(ticks), dtype=np.int64)
+
+
 def _analyse(recording: Recording) -> Sync:
     own = {role: captures(frames(recording, role, "sync_capture")) for role in ROLES}
     truth = locate(recording)
@@ -123,6 +139,7 @@ def _analyse(recording: Recording) -> Sync:
         agreement=compare(reported.pairs, own["leader"], own["follower"]),
         reported_error_ns=offset_error_ns(reported.pairs, truth),
         leader_clock=clock,
+        away_ticks_leader=away(recording, clock),
         models=m,
         refit=refit(pairs, pair_error_ns, m),
         pulses={role: pulses(frames(recording, role, "pulse")) for role in ROLES},
@@ -194,7 +211,7 @@ def refit(pairs: Pairs, pair_error_ns: Float, m: Models) -> Lines:
 
 def count_events(own: dict[str, Captures]) -> int:
     """Connection events between the first and last that either node captured, per connection."""
-    keys = np.unique(np.concatenate([c.key for c in own.values()]))
+    keys = distinct(np.concatenate([c.key for c in own.values()]))
     if keys.size == 0:
         return 0
     generation = keys >> 32

@@ -9,7 +9,7 @@ the analyser: it needs no help from the firmware, and resolves what the analyser
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,9 @@ from hil.wire.messages import PULSE_FLAGS
 Float = NDArray[np.float64]
 Int = NDArray[np.int64]
 Mask = NDArray[np.bool_]
+
+_BLOCK: Final = 1 << 14
+"""Edges that are paired at once: what the processor's cache holds."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,6 +137,28 @@ class EdgePairs:
     alone: int
 
 
+def _partners(sorted_ns: Int, at_ns: Int, within_ns: float) -> Float:
+    """As :func:`nearest`, of leading edges: distances beyond ``within_ns`` may be of others.
+
+    Leading edges are more than ``2 * within_ns`` apart, so at most one is within it, and where all
+    of a block have theirs in step nothing is searched for. A lost edge costs its block a search.
+    """
+    if not within_ns < 2**62:
+        return nearest(sorted_ns, at_ns)
+    found = np.empty(at_ns.size, dtype=np.float64)
+    for begin in range(0, at_ns.size, _BLOCK):
+        at, to = at_ns[begin : begin + _BLOCK], found[begin : begin + _BLOCK]
+        # A float here would make one of every edge, for each block.
+        first = int(np.searchsorted(sorted_ns, at[0] - np.int64(within_ns)))
+        step = sorted_ns[first : first + at.size]
+        if step.size == at.size:
+            np.subtract(step, at, out=to)
+            if max(to.max(), -to.min()) <= within_ns:
+                continue
+        to[:] = nearest(sorted_ns, at)
+    return found
+
+
 def edge_pairs(
     leader_ns: Int, follower_ns: Int, period_ns: float, start_ns: float, end_ns: float
 ) -> EdgePairs:
@@ -143,8 +168,8 @@ def edge_pairs(
     leader_in = leader[(leader >= start_ns) & (leader < end_ns)]
     follower_in = follower[(follower >= start_ns) & (follower < end_ns)]
     # Partners are sought among all edges: one may lie just outside the span.
-    to_follower = nearest(follower, leader_in)
-    to_leader = nearest(leader, follower_in)
+    to_follower = _partners(follower, leader_in, 0.25 * period_ns)
+    to_leader = _partners(leader, follower_in, 0.25 * period_ns)
     near = np.abs(to_follower) <= 0.25 * period_ns
     alone = int(np.sum(~near) + np.sum(np.abs(to_leader) > 0.25 * period_ns))
     return EdgePairs(leader_in[near], -to_follower[near], alone)

@@ -15,6 +15,18 @@ WRAP_TICKS: Final = 1 << 32
 """The TIMER wraps every 2^32 ticks: 268.4 s at 16 MHz."""
 
 
+def distinct(values: NDArray[np.int64]) -> NDArray[np.int64]:
+    """int64[m]: each value once, ascending.
+
+    Runs of ``values`` that ascend are merged in linear time, where ``np.unique`` puts 64-bit
+    numbers into a hash table and then sorts them.
+    """
+    ordered = np.sort(values, kind="stable")
+    new = np.ones(ordered.size, dtype=bool)
+    np.not_equal(ordered[1:], ordered[:-1], out=new[1:])
+    return ordered[new]
+
+
 @dataclass(frozen=True)
 class TickBreaks:
     """Breaks in one stream of time stamps.

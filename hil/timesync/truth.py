@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hil.recording import ClockModel
+from hil.timesync.ticks import distinct
 from hil.wire.messages import TICK_RATE_HZ
 
 Int = NDArray[np.int64]
@@ -38,6 +39,10 @@ true start misses none of those.
 _SAMPLE: Final = 256
 _BEFORE_US: Final = 3_000_000
 _AFTER_US: Final = 200_000
+_BLOCK: Final = 4096
+"""Captures that are looked up at once."""
+_TABLE_US: Final = 1 << 25
+"""A block that spans longer is searched for, so that scattered captures cost no memory."""
 
 
 @dataclass(frozen=True)
@@ -137,6 +142,26 @@ def has_edge(edges_us: Int, at_us: Int, tolerance_us: int = 0) -> NDArray[np.boo
     return inside & (found <= at_us + tolerance_us)
 
 
+def _shares(edges_us: Int, captures_us: Int, shifts_us: Int) -> Float:
+    """float64[k]: share of the captures that lie on an edge when shifted by each of ``shifts_us``.
+
+    All shifts are looked up at once, block by block, in a table of the block's microseconds.
+    """
+    on_edge = np.zeros(shifts_us.size, dtype=np.int64)
+    lowest, highest = int(shifts_us.min()), int(shifts_us.max())
+    for block in np.split(captures_us, range(_BLOCK, captures_us.size, _BLOCK)):
+        first, last = int(block[0]) + lowest, int(block[-1]) + highest
+        shifted = block + shifts_us[:, np.newaxis]
+        if last - first > _TABLE_US:
+            on_edge += has_edge(edges_us, shifted.ravel()).reshape(shifted.shape).sum(axis=1)
+            continue
+        near = edges_us[slice(*np.searchsorted(edges_us, [first, last + 1]))]
+        is_edge = np.zeros(last - first + 1, dtype=bool)
+        is_edge[near - first] = True
+        on_edge += is_edge[shifted - first].sum(axis=1)
+    return on_edge / captures_us.size
+
+
 def vote(edges_us: Int, captures_ticks: Int, upper_us: float) -> Vote | None:
     """Find the start of a TIMER: the shift that puts the most captures onto an edge.
 
@@ -149,7 +174,7 @@ def vote(edges_us: Int, captures_ticks: Int, upper_us: float) -> Vote | None:
     Returns:
         the winner, sound or not; ``None`` when there is nothing to vote.
     """
-    captures_us = np.unique(captures_ticks // TICKS_PER_US)
+    captures_us = distinct(captures_ticks // TICKS_PER_US)
     if captures_us.size < 8 or edges_us.size < 8:
         return None
     rng = np.random.default_rng(0)
@@ -163,7 +188,7 @@ def vote(edges_us: Int, captures_ticks: Int, upper_us: float) -> Vote | None:
         return None
     candidates, votes = np.unique(differences, return_counts=True)
     best = candidates[np.argsort(votes)[::-1][:32]]
-    shares = np.array([np.mean(has_edge(edges_us, captures_us + int(c))) for c in best])
+    shares = _shares(edges_us, captures_us, best)
     order = np.argsort(shares)[::-1]
     return Vote(
         t_start_us=int(best[order[0]]),

@@ -238,9 +238,9 @@ def _find_rest(stream: NDArray[np.uint8], chunks: Chunks, is_frame: NDArray[np.b
     start = chunks.start[~is_frame]
     end = start + chunks.length[~is_frame]
     if len(start):
-        # Slices of bytes are several times cheaper than slices of an array.
-        data = stream.tobytes()
+        # Slices of a memoryview are several times cheaper than slices of an array.
+        data = stream.data
         for first, behind in zip(start.tolist(), end.tolist(), strict=True):
-            rest.add(data[first:behind], first, is_chunk=True)
+            rest.add(bytes(data[first:behind]), first, is_chunk=True)
     rest.add(stream[chunks.tail_start :].tobytes(), chunks.tail_start, is_chunk=False)
     return rest

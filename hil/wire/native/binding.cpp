@@ -6,6 +6,7 @@
 #include <nanobind/stl/tuple.h>
 #include <nanobind/stl/vector.h>
 
+#include <cstdlib>
 #include <stdexcept>
 #include <tuple>
 
@@ -19,11 +20,12 @@ namespace {
 using Bytes = nb::ndarray<const uint8_t, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Row = std::tuple<uint8_t, size_t, size_t, size_t, size_t, size_t>;
 
-template <typename T> nb::object array(std::vector<T> values)
+template <typename T> nb::object array(hil::wire::Column<T> &values)
 {
-	auto *kept = new std::vector<T>(std::move(values));
-	nb::capsule owner(kept, [](void *p) noexcept { delete static_cast<std::vector<T> *>(p); });
-	return nb::cast(nb::ndarray<nb::numpy, T, nb::ndim<1>>(kept->data(), {kept->size()}, owner));
+	const size_t size = values.size();
+	T *const kept = values.release();
+	nb::capsule owner(kept, [](void *p) noexcept { std::free(p); });
+	return nb::cast(nb::ndarray<nb::numpy, T, nb::ndim<1>>(kept, {size}, owner));
 }
 
 std::vector<Layout> checked(const std::vector<Row> &rows)
@@ -50,11 +52,11 @@ nb::tuple take_apart(const Bytes &data, const std::vector<Row> &rows)
 	}
 	nb::list found;
 	for (auto &one : stream.found) {
-		found.append(nb::make_tuple(array(std::move(one.records)),
-					    array(std::move(one.rows))));
+		found.append(nb::make_tuple(array(one.records),
+					    array(one.rows)));
 	}
-	return nb::make_tuple(array(std::move(stream.start)), array(std::move(stream.length)),
-			      array(std::move(stream.seq)), stream.delimiters, stream.head_end,
+	return nb::make_tuple(array(stream.start), array(stream.length),
+			      array(stream.seq), stream.delimiters, stream.head_end,
 			      stream.tail_start, stream.unknown_types, stream.bad_lengths, found);
 }
 

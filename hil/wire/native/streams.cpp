@@ -100,17 +100,13 @@ bool add(Found &found, const Layout &layout, const uint8_t *payload, size_t size
 	if (count > layout.max_count || size != layout.fixed + count * layout.row) {
 		return false;
 	}
-	const size_t had = found.records.size();
-	found.records.resize(had + layout.fixed + sizeof(seq) + sizeof(start));
-	uint8_t *to = found.records.data() + had;
+	uint8_t *to = found.records.grow(layout.fixed + sizeof(seq) + sizeof(start));
 	if (layout.fixed) {
 		std::memcpy(to, payload, layout.fixed);
 	}
 	put(put(to + layout.fixed, seq), start);
 	if (count) {
-		const size_t rows_had = found.rows.size();
-		found.rows.resize(rows_had + count * (layout.row + sizeof(found.count)));
-		to = found.rows.data() + rows_had;
+		to = found.rows.grow(count * (layout.row + sizeof(found.count)));
 		for (size_t r = 0; r < count; r++) {
 			std::memcpy(to, payload + layout.fixed + r * layout.row, layout.row);
 			to = put(to + layout.row, found.count);

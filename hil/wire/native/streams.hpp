@@ -9,6 +9,8 @@
 #include <cstdint>
 #include <vector>
 
+#include "column.hpp"
+
 namespace hil::wire {
 
 constexpr size_t kHeaderSize = 3;
@@ -29,16 +31,16 @@ struct Layout {
 // All frames of one message, in the stream's order.
 struct Found {
 	// Per frame: the payload's fixed part, seq u16, position of the frame in the stream i64.
-	std::vector<uint8_t> records;
+	Column<uint8_t> records;
 	// Per row of a group: its bytes, index of its record i64.
-	std::vector<uint8_t> rows;
+	Column<uint8_t> rows;
 	int64_t count = 0;
 };
 
 struct Stream {
-	std::vector<int64_t> start;  // of each chunk
-	std::vector<int64_t> length; // of each chunk
-	std::vector<int32_t> seq;    // of each chunk: its number, or -1 for one that is no frame
+	Column<int64_t> start;  // of each chunk
+	Column<int64_t> length; // of each chunk
+	Column<int32_t> seq;    // of each chunk: its number, or -1 for one that is no frame
 	std::vector<Found> found;    // by layout
 	int64_t delimiters = 0;
 	int64_t head_end = 0;   // position of the first 00; without one, the end of the stream
