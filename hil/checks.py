@@ -16,8 +16,9 @@ from hil.measure import Measurement
 from hil.recording import Recording
 from hil.reps import measures as reps
 from hil.series import Series
+from hil.soak import measures as soak
 
-SUITES: Final = ("sync", "link", "imu", "fifo", "cal", "ekf")
+SUITES: Final = ("sync", "link", "imu", "fifo", "cal", "ekf", "soak")
 
 
 def evaluate(recording: Recording) -> list[Measurement]:
@@ -38,6 +39,7 @@ def series(recording: Recording) -> list[Series]:
         *imu.series(recording, sync),
         *calibration_series.series(recording),
         *fusion.series(recording, sync),
+        *soak.series(recording),
     ]
 
 
@@ -49,7 +51,7 @@ def suite(recording: Recording, name: str) -> list[Measurement]:
     """
     if name not in SUITES:
         raise ValueError(f"no suite '{name}'; suites: {', '.join(SUITES)}")
-    found = _suite(recording, name)
+    found = soak.measure(recording) if name == "soak" else _suite(recording, name)
     return imported.applicable(found, recording) if imported.is_bare(recording) else found
 
 

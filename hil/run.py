@@ -30,17 +30,27 @@ class BenchOptions:
     lock_wait_s: float = 0.0
 
 
-def backend(board: str, workspace: Path | None, bench: BenchOptions | None = None) -> Backend:
+def backend(
+    board: str, workspace: Path | None, bench: BenchOptions | None = None, *, speed: float = 0.0
+) -> Backend:
     """The backend called ``board``.
 
+    Args:
+        speed: of a simulation, at most so many times real time; 0 for as fast as it goes.
+
     Raises:
-        RigError: there is no such backend here.
+        RigError: there is no such backend here, or boards are to be slowed down.
         BuildError: there is no image in the folder given.
     """
     if board == "sim":
         from hil.backends.sim import SimBackend  # noqa: PLC0415 (needs the build extra)
 
-        return SimBackend(workspace=workspace)
+        return SimBackend(workspace=workspace, speed=speed)
+    if speed:
+        raise RigError(
+            "only a simulation can be held to a pace: boards run in real time",
+            "leave --speed out, or run with --board=sim",
+        )
     if board == "bench":
         from hil.backends.bench import BenchBackend  # noqa: PLC0415 (hardware)
         from hil.bench import prepared  # noqa: PLC0415
@@ -63,11 +73,13 @@ def live(
     *,
     bench: BenchOptions | None = None,
     inject: tuple[Injection, ...] = (),
+    speed: float = 0.0,
 ) -> Recording:
     """Build what is needed, run the scenario, write and return the recording.
 
     Args:
         inject: faults, beside those of the scenario.
+        speed: as :func:`backend`.
 
     Raises:
         ScenarioError: the scenario file is wrong.
@@ -77,4 +89,4 @@ def live(
     plan = scenario.load(scenario_path)
     plan = replace(plan, inject=limited((*plan.inject, *inject)))
     output.parent.mkdir(parents=True, exist_ok=True)
-    return backend(board, workspace, bench).run(plan, output, progress)
+    return backend(board, workspace, bench, speed=speed).run(plan, output, progress)

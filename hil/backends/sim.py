@@ -24,7 +24,7 @@ from hil.simulator import Session
 from hil.simulator.preload import store
 from hil.soak.memory import rss_kib
 
-RIG_EVERY_S = 300.0
+RIG_EVERY_S = 60.0
 """Simulated seconds from one event about the rig's own memory to the next."""
 BUILD_SHARE = 0.4
 """Share of the progress shown that building takes, when there is something to build."""
@@ -37,6 +37,7 @@ class SimBackend:
         workspace: as :func:`hil.build.find_workspace`.
         images: role -> manifest of images built for the simulated board; built when not given.
         stall_limit_s: real time without simulated progress after which a node counts as hung.
+        speed: at most so many times as fast as real time; 0 for as fast as it goes.
     """
 
     source = "sim"
@@ -47,10 +48,12 @@ class SimBackend:
         images: Mapping[str, Manifest] | None = None,
         *,
         stall_limit_s: float = 30.0,
+        speed: float = 0.0,
     ) -> None:
         self._workspace = workspace
         self._images = images
         self._stall_limit_s = stall_limit_s
+        self._speed = speed
 
     def run(self, scenario: Scenario, output: Path, progress: Progress) -> Recording:
         """Run ``scenario`` to its end and return the recording, which is then at ``output``.
@@ -77,7 +80,9 @@ class SimBackend:
         with (
             injected_writer(output, provenance(scenario, images, babblesim)) as writer,
             calibrated(scenario, executables, babblesim) as flash,
-            Session(babblesim, executables, scenario, self._stall_limit_s, flash) as session,
+            Session(
+                *(babblesim, executables, scenario, self._stall_limit_s, flash), speed=self._speed
+            ) as session,
         ):
             _record(session, scenario, writer, progress)
         return load(output)

@@ -45,6 +45,7 @@ _GROUPS: Final[Mapping[str, str]] = {
     "cal": "Calibration",
     "ekf": "Estimator",
     "recording": "Recording",
+    "soak": "Long run",
 }
 
 

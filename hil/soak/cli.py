@@ -45,7 +45,7 @@ def soak(
             verdict = "drifts" if row.trend.drifts else "flat"
         hourly = (f"{value:.4g}" for value in row.hours)
         allowed = f"{row.track.allowed:.3g}"
-        table.add_row(f"{row.track.name}, {row.track.unit}", *hourly, change, allowed, verdict)
+        table.add_row(f"{row.track.title}, {row.track.unit}", *hourly, change, allowed, verdict)
     console = terminal.console()
     console.print(table)
     lost = {name: count for name, count in found.losses.items() if count}

@@ -3,14 +3,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hil.budget import line
 from hil.errors import HilError
 from hil.recording import Recording
 from hil.streams import ROLES, frames, seen_t_ns_bench
@@ -27,6 +29,7 @@ STUDENT_T: Final = 2.074
 HOUR_S: Final = 3600.0
 RIG_EVENT: Final = "rig"
 """Events of this kind hold ``rss_kib``: memory of the process that records."""
+LOSSES_LINE: Final = "L4"
 LOSSES: Final = {
     "link_stats": ("batches_lost", "tx_dropped"),
     "system": ("uart_dropped",),
@@ -40,17 +43,28 @@ class Track:
     Attributes:
         t_s, value: float64[n].
         rms: the root mean square is looked at, not the mean.
-        allowed: change over the whole run that is no drift, in ``unit``.
+        name, title: for programs, and for people.
+        line: of the error budget, which says what change over the whole run is no drift.
+        scale: what the line's limit is multiplied by, to be in ``unit``.
         grows: only a growth is bad; None: any change.
     """
 
     name: str
+    title: str
     unit: str
     t_s: Float
     value: Float
-    allowed: float
+    line: str
+    scale: float = 1.0
     rms: bool = False
     grows: bool | None = None
+
+    @property
+    def allowed(self) -> float:
+        """Change over the whole run that is no drift, in ``unit``."""
+        high = line(self.line).cases[0].high
+        assert high is not None
+        return high * self.scale
 
     def over(self, begin_s: float, end_s: float) -> float:
         """The statistic over a span; NaN where nothing is known."""
@@ -67,18 +81,23 @@ class Trend:
     Attributes:
         change: over the whole run, by the line.
         half_width: of its 95 % confidence interval.
-        drifts: the change is beyond what is allowed, and the interval excludes zero.
+        significant: size of the change in the bad direction; 0 when the interval holds zero.
+        drifts: that is beyond what is allowed.
     """
 
     change: float
     half_width: float
+    significant: float
     drifts: bool
 
 
 @dataclass(frozen=True)
 class Row:
+    """A track, its statistic in each hour and in each of PARTS parts, and the trend."""
+
     track: Track
     hours: tuple[float, ...]
+    parts: tuple[float, ...]
     trend: Trend | None
 
 
@@ -97,73 +116,109 @@ class Soak:
         )
 
 
+_KEPT: WeakKeyDictionary[Recording, Soak] = WeakKeyDictionary()
+
+
+def duration_s(recording: Recording) -> float:
+    """Until the last block of serial bytes began, by the bench's clock."""
+    ends = [int(s.block_t_ns_bench[-1]) for s in recording.serial.values() if s.data.size]
+    return max(ends, default=0) / 1e9
+
+
+def is_long(recording: Recording) -> bool:
+    """Whether trends can be told."""
+    return duration_s(recording) >= SHORTEST_S
+
+
 def figures(recording: Recording) -> Soak:
     """Everything about a long recording.
+
+    A recording never changes, so its figures are kept for as long as it lives.
 
     Raises:
         HilError: it is shorter than :data:`SHORTEST_S`.
     """
-    ends = [int(s.block_t_ns_bench[-1]) for s in recording.serial.values() if s.data.size]
-    duration_s = max(ends, default=0) / 1e9
-    if duration_s < SHORTEST_S:
+    kept = _KEPT.get(recording)
+    if kept is None:
+        kept = _KEPT[recording] = _figures(recording)
+    return kept
+
+
+def _figures(recording: Recording) -> Soak:
+    lasted_s = duration_s(recording)
+    if not is_long(recording):
         raise HilError(
-            f"the recording lasts {duration_s:.0f} s; trends need {SHORTEST_S:.0f} s",
+            f"the recording lasts {lasted_s:.0f} s; trends need {SHORTEST_S:.0f} s",
             "hil record fixtures/scenarios/soak.toml -o my-soak takes six hours of simulated time",
         )
     # What is left after the last whole hour is one more column only if it can say something.
-    hours = np.arange(0.0, max(duration_s - SHORTEST_S / 2, 1.0), HOUR_S)
+    hours = np.arange(0.0, max(lasted_s - SHORTEST_S / 2, 1.0), HOUR_S)
     rows = tuple(
         Row(
             track,
             tuple(track.over(begin, begin + HOUR_S) for begin in hours.tolist()),
-            trend(track, duration_s),
+            parts := in_parts(track, lasted_s),
+            trend(track, parts),
         )
-        for track in tracks(recording)
+        for track in tracks(recording, lasted_s)
     )
-    return Soak(duration_s, rows, losses(recording))
+    return Soak(lasted_s, rows, losses(recording))
 
 
-def trend(track: Track, duration_s: float) -> Trend | None:
+def in_parts(track: Track, lasted_s: float) -> tuple[float, ...]:
+    """The statistic of each of PARTS equal parts of the run."""
+    edges = np.linspace(0.0, lasted_s, PARTS + 1)
+    return tuple(track.over(a, b) for a, b in pairwise(edges.tolist()))
+
+
+def trend(track: Track, parts: Sequence[float]) -> Trend | None:
     """The line through PARTS equal parts of the run; None where fewer are known.
 
     Neighbouring samples are not independent, so the line goes through means of parts that are long
     beside any of the run's own rhythms; ordinary least squares, Student's t for the interval.
     """
-    edges = np.linspace(0.0, duration_s, PARTS + 1)
-    value = np.array([track.over(a, b) for a, b in pairwise(edges.tolist())])
+    value = np.array(parts)
     if not np.isfinite(value).all():
         return None
     x = np.linspace(-0.5, 0.5, PARTS + 1)
     x = (x[:-1] + x[1:]) / 2
+    value -= value.mean()
     change = float(x @ value / (x @ x))
-    rest = value - value.mean() - change * x
+    rest = value - change * x
     half_width = STUDENT_T * float(np.sqrt(rest @ rest / (PARTS - 2) / (x @ x)))
     bad = abs(change) if track.grows is None else change if track.grows else -change
-    return Trend(change, half_width, bad > track.allowed and bad > half_width)
+    significant = bad if bad > half_width else 0.0
+    return Trend(change, half_width, significant, significant > track.allowed)
 
 
-def tracks(recording: Recording) -> Iterator[Track]:
+def tracks(recording: Recording, lasted_s: float) -> Iterator[Track]:
     """What is followed through the run."""
     sync = analyse(recording)
     if sync.truth and np.any(sync.models.locked):
         error = model_error(sync.models, sync.truth)
         t_s, error_ns = error.t_ticks_leader / TICK_RATE_HZ, error.offset_ns
-        allowed_ns = 0.1 * float(np.sqrt(np.mean(error_ns**2)))
-        yield Track("sync error, rms", "ns", t_s, error_ns, allowed_ns, rms=True)
-        yield Track("sync error, mean", "ns", t_s, error_ns, allowed_ns)
+        of = ("ns", t_s, error_ns, "D1", float(np.sqrt(np.mean(error_ns**2))))
+        yield Track("sync_rms_change", "sync error, rms", *of, rms=True)
+        yield Track("sync_mean_change", "sync error, mean", *of)
     for role in ROLES:
         health = frames(recording, role, "system")
         at_s = seen_t_ns_bench(recording, role, health) / 1e9
-        for field, name, allowed, grows in (
-            ("stack_free_min_b", "stack left", 32.0, False),
-            ("heap_used_b", "heap in use", 32.0, True),
+        for field, name, title, grows in (
+            ("stack_free_min_b", "stack_loss", "stack left", False),
+            ("heap_used_b", "heap_growth", "heap in use", True),
         ):
             value = health[field].astype(np.float64)
-            yield Track(f"{name}, {role}", "B", at_s, value, allowed, grows=grows)
+            yield Track(
+                *(f"{role}.{name}", f"{title}, {role}", "B", at_s, value, "D2"), grows=grows
+            )
     memory = [(e.t_ns_bench / 1e9, e.data["rss_kib"]) for e in recording.events if _is_rig(e.data)]
     if memory:
         at_s, kib = np.array(memory, dtype=np.float64).T
-        yield Track("memory of the rig", "KiB", at_s, kib, 2048.0, grows=True)
+        yield Track(
+            *("rig.memory_growth", "memory of the rig", "KiB", at_s, kib, "D3"),
+            scale=lasted_s / HOUR_S,
+            grows=True,
+        )
 
 
 def losses(recording: Recording) -> dict[str, int]:

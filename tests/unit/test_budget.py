@@ -67,7 +67,7 @@ def test_every_limit_in_a_check_cites_a_line() -> None:
     cited: set[str] = set()
     for path in (ROOT / "hil").rglob("*.py"):
         if path.relative_to(ROOT).parts[1] in (
-            *("timesync", "imu", "link.py", "fusion", "pil", "calibration", "reps"),
+            *("timesync", "imu", "link.py", "fusion", "pil", "calibration", "reps", "soak"),
         ):
             found = re.findall(r'"([A-Z]\d)"', path.read_text(encoding="utf-8"))
             cited |= set(found)

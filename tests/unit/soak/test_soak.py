@@ -5,17 +5,21 @@ from __future__ import annotations
 
 import dataclasses
 import resource
+import tracemalloc
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy import stats
 from typer.testing import CliRunner
 
+from hil import checks, run
 from hil.cli import app
-from hil.errors import HilError
-from hil.recording import Event, Recording
-from hil.soak.figures import PARTS, STUDENT_T, Soak, Track, figures, trend
+from hil.errors import HilError, RigError
+from hil.measure import Verdict
+from hil.recording import Event, Recording, Writer
+from hil.soak.figures import PARTS, STUDENT_T, Soak, Track, figures, in_parts, trend
 from hil.soak.memory import rss_kib
 from hil.streams import frames
 from hil.synthesis import Plan, save, synthesise
@@ -44,7 +48,7 @@ def with_memory(kib_at_end: int) -> Recording:
 
 
 def row(found: Soak, name: str) -> bool | None:
-    (one,) = (row for row in found.rows if row.track.name == name)
+    (one,) = (row for row in found.rows if row.track.title == name)
     return None if one.trend is None else one.trend.drifts
 
 
@@ -96,6 +100,55 @@ def test_a_leak_of_a_node_is_found(role: str, field: str, by: np.ndarray, name: 
     assert not found.sound
 
 
+def verdicts(recording: Recording) -> dict[str, Verdict]:
+    return {m.name: m.verdict for m in checks.suite(recording, "soak")}
+
+
+def test_the_report_of_a_long_run_has_its_figures() -> None:
+    """The judge of every recording says of a long one what this package finds."""
+    recording = with_memory(70_100)
+    found = {m.name: m for m in checks.suite(recording, "soak")}
+    assert set(found) == {
+        *("soak.sync_rms_change_ns", "soak.sync_mean_change_ns"),
+        *("soak.leader.stack_loss_b", "soak.leader.heap_growth_b"),
+        *("soak.follower.stack_loss_b", "soak.follower.heap_growth_b"),
+        *("soak.rig.memory_growth_kib", "soak.lost"),
+    }
+    assert {m.verdict for m in found.values()} == {Verdict.PASS}
+    # 5280 KiB an hour; 100 KiB in the whole run, which a line through 24 means sees 23.9/24 of.
+    memory = found["soak.rig.memory_growth_kib"]
+    assert memory.limits.high == pytest.approx(5280 * LONG_S / 3600, rel=0.01)
+    assert memory.value == pytest.approx(100, abs=3)
+    drawn = {one.check: one for one in checks.series(recording) if one.name.startswith("soak.")}
+    assert set(drawn) == set(found) - {"soak.lost"}
+    assert drawn["soak.rig.memory_growth_kib"].y[[0, -1]] == pytest.approx([70_002, 70_098], abs=2)
+
+
+def test_the_report_of_a_short_run_says_nothing_of_drifts() -> None:
+    short = synthesise(Plan(duration_s=5))
+    assert checks.suite(short, "soak") == []
+    assert not [one for one in checks.series(short) if one.name.startswith("soak.")]
+
+
+@pytest.mark.parametrize(
+    ("role", "message", "field", "by", "name"),
+    [
+        ("leader", "system", "heap_used_b", [0.0, 500.0], "soak.leader.heap_growth_b"),
+        ("follower", "system", "stack_free_min_b", [600.0, 0.0], "soak.follower.stack_loss_b"),
+        ("leader", "link_stats", "batches_lost", [0.0, 3.0], "soak.lost"),
+    ],
+)
+def test_the_report_fails_a_leak_and_a_loss(
+    role: str, message: str, field: str, by: list[float], name: str
+) -> None:
+    found = verdicts(planted(role, message, field, np.array(by)))
+    assert {n for n, verdict in found.items() if verdict is Verdict.FAIL} == {name}
+
+
+def test_the_report_fails_a_leak_of_the_rig() -> None:
+    assert verdicts(with_memory(90_000))["soak.rig.memory_growth_kib"] is Verdict.FAIL
+
+
 def test_memory_given_back_is_no_leak() -> None:
     found = figures(planted("leader", "system", "heap_used_b", np.array([500.0, 0.0])))
     assert row(found, "heap in use, leader") is False
@@ -112,7 +165,8 @@ def test_what_is_lost_counts_also_across_a_reset_of_the_counter() -> None:
 def test_the_interval_is_that_of_a_line_through_the_parts() -> None:
     t_s = np.linspace(0.0, 7200.0, 24_000, endpoint=False)
     value = 100.0 + 3.0 * t_s / 7200.0 + DICE.normal(0.0, 20.0, t_s.size)
-    found = trend(Track("x", "1", t_s, value, 1.0), 7200.0)
+    track = Track("x", "x", "B", t_s, value, "D2", scale=1 / 32)
+    found = trend(track, in_parts(track, 7200.0))
     assert found is not None
     means = value.reshape(PARTS, -1).mean(axis=1)
     line = stats.linregress((np.arange(PARTS) + 0.5) / PARTS, means)
@@ -124,10 +178,11 @@ def test_the_interval_is_that_of_a_line_through_the_parts() -> None:
 
 def test_noise_alone_seldom_counts_as_a_drift() -> None:
     t_s = np.linspace(0.0, 7200.0, 2400, endpoint=False)
-    found = [
-        trend(Track("x", "1", t_s, DICE.normal(0.0, 1.0, t_s.size), 0.0), 7200.0)
+    tracks = [
+        Track("x", "x", "B", t_s, DICE.normal(0.0, 1.0, t_s.size), "D2", scale=0.0)
         for _ in range(400)
     ]
+    found = [trend(track, in_parts(track, 7200.0)) for track in tracks]
     # 5 % by construction of the interval; 400 draws: within 2.5 and 7.5 % but once in 50.
     assert 10 <= sum(one is not None and one.drifts for one in found) <= 30
 
@@ -135,14 +190,16 @@ def test_noise_alone_seldom_counts_as_a_drift() -> None:
 def test_a_growing_sync_error_is_found() -> None:
     t_s = np.linspace(0.0, LONG_S, 5000, endpoint=False)
     grows = DICE.normal(0.0, 1.0, t_s.size) * (30.0 + 10.0 * t_s / LONG_S)
-    found = trend(Track("sync error, rms", "ns", t_s, grows, 3.5, rms=True), LONG_S)
+    track = Track("x", "x", "ns", t_s, grows, "D1", scale=35.0, rms=True)
+    found = trend(track, in_parts(track, LONG_S))
     assert found is not None
     assert found.drifts
 
 
 def test_a_gap_leaves_it_open() -> None:
     t_s = np.linspace(0.0, 600.0, 500)
-    assert trend(Track("x", "1", t_s, t_s, 1.0), LONG_S) is None
+    track = Track("x", "x", "B", t_s, t_s, "D2")
+    assert trend(track, in_parts(track, LONG_S)) is None
 
 
 def test_short_recordings_are_refused_with_the_mend() -> None:
@@ -159,6 +216,33 @@ def test_the_command_shows_hours_and_verdicts(tmp_path_factory: pytest.TempPathF
     assert "hour 1" in said.output
     assert "flat" in said.output
     assert "lost: nothing" in said.output
+
+
+def test_boards_cannot_be_held_to_a_pace() -> None:
+    with pytest.raises(RigError, match="boards run in real time"):
+        run.backend("bench", None, speed=1.0)
+
+
+def test_an_entry_of_a_recordings_index_is_as_small_as_the_budget_says(tmp_path: Path) -> None:
+    """Line D3: what the recorder's memory grows by, chunk by chunk."""
+    count = 80
+    with Writer(tmp_path / "run.mcap", sound().provenance) as writer:
+
+        def chunks(first: int) -> None:
+            for t_s in range(first, first + count):
+                for role in ("leader", "follower"):
+                    writer.write_serial(role, t_s * 10**9, b"x" * 300)
+                    writer.write_imu_truth(role, [0], [t_s], [t_s * 1e6], [[0] * 6], [0])
+                writer.write_edges([t_s * 10**9], [0], [1])
+                writer.flush()
+
+        chunks(0)
+        tracemalloc.start()
+        chunks(count)
+        grown_b = tracemalloc.get_traced_memory()[0]
+        tracemalloc.stop()
+    # An entry with five channels is not nothing, and below the 1.1 KiB of the budget.
+    assert 300 < grown_b / count < 1.1 * 1024
 
 
 def test_the_memory_of_this_process_is_that_of_the_kernel() -> None:
