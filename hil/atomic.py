@@ -23,8 +23,11 @@ def write_whole(path: Path, data: bytes) -> None:
     digits, beside it; a later write of the same file deletes it when an hour has gone by.
 
     Raises:
-        OSError: the folder or the file cannot be written.
+        OSError: the folder or the file cannot be written, or it is a device or a folder.
     """
+    if path.exists() and not path.is_file():
+        # A rename would put a file in the place of a device.
+        raise PermissionError(errno.EPERM, "it is there, and no file", str(path))
     path.parent.mkdir(parents=True, exist_ok=True)
     _delete_forgotten(path)
     temporary = path.with_name(f".{path.name}.{secrets.token_hex(4)}")

@@ -17,7 +17,7 @@ imported when a fixture needs it.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Generator, Iterable, Mapping
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -171,6 +171,8 @@ def pytest_configure(config: pytest.Config) -> None:
         raise pytest.UsageError("--board runs live and --recording replays: give one of them")
     if option("--record") and not board:
         raise pytest.UsageError("--record keeps a live run: add --board=sim or --board=bench")
+    if option("--inject"):
+        _refuse_impossible(option("--inject"), board or "replay")
     bench_file = root / BENCH_FILE
     if board == "bench" and not bench_file.is_file():
         raise pytest.UsageError(
@@ -203,18 +205,32 @@ def _paths_from(variable: str | None) -> list[str]:
     return [p for p in (variable or "").split(os.pathsep) if p]
 
 
+def _refuse_impossible(texts: Sequence[str], source: str) -> None:
+    """Before anything is collected.
+
+    Raises:
+        pytest.UsageError: one is no fault, or none of such a run.
+    """
+    from hil import faults  # noqa: PLC0415 (kept out of other projects' start-up)
+    from hil.errors import HilError  # noqa: PLC0415
+
+    try:
+        faults.refuse_unless_possible(faults.parse_all(texts), source)
+    except HilError as error:
+        raise pytest.UsageError(str(error)) from error
+
+
 def _specs(config: pytest.Config) -> list[RunSpec]:
     """The runs that this session's options ask for.
 
     Raises:
         pytest.UsageError: an option names nothing that exists.
     """
-    from hil import faults, library  # noqa: PLC0415 (kept out of other projects' start-up)
+    from hil import library  # noqa: PLC0415 (kept out of other projects' start-up)
     from hil.errors import HilError  # noqa: PLC0415
 
     session = config.stash[_SESSION]
     try:
-        faults.refuse_unless_possible(faults.parse_all(session.inject), session.board or "replay")
         if session.board:
             folder = config.rootpath / config.getini("hil_scenarios")
             scenarios = session.scenarios or _passing_scenarios(folder)

@@ -56,12 +56,15 @@ def at_port(path: str) -> Iterator[Reached]:
 def on_bench(role: str, bench_file: Path) -> Iterator[Reached]:
     """The unit that the bench file says is ``role``; found again when it is unplugged.
 
-    Raises:
-        HilError: no bench file, a mistake in it, or the board is not there.
-    """
-    from hil.bench import inventory, ports  # noqa: PLC0415
+    The bench is held meanwhile: nobody resets or flashes a unit that is being talked to.
 
-    with ports.open_board(inventory.load(bench_file).boards[role]) as port:
+    Raises:
+        HilError: no bench file, a mistake in it, the bench is in use, or the board is not there.
+    """
+    from hil.bench import inventory, lock, ports  # noqa: PLC0415
+
+    bench = inventory.load(bench_file)
+    with lock.hold(bench.path), ports.open_board(bench.boards[role]) as port:
         yield Reached(port)
 
 

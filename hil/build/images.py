@@ -25,6 +25,8 @@ if TYPE_CHECKING:
     from hil.backends import Progress
 
 BUILD_LIMIT_S = 1800.0
+RERUNS_MAX = 1
+"""West runs CMake first, which leaves ninja at most one reason to; it would go on for a hundred."""
 LOG_NAME = "hil-build.log"
 OUTPUTS: Mapping[str, Mapping[str, str]] = {
     "sim": {"exe": "zephyr/zephyr.exe", "elf": "zephyr/zephyr.elf"},
@@ -125,7 +127,17 @@ def _west(job: Job, progress: Progress) -> tuple[str, ...]:
         environment |= find_babblesim(job.workspace).environment
     west.check_host_tools(environment.get("PATH"))
 
+    runs = 0
+
     def show(line: str) -> None:
+        nonlocal runs
+        runs += west.RERUN in line
+        if runs > RERUNS_MAX:
+            raise BuildError(
+                f"the build of {job.title} runs CMake again and again, as when what CMake writes "
+                f"does not reach the disk of {job.folder}",
+                f"is it full? df -h {job.root}\nstart afresh: rm -r {job.folder}",
+            )
         step = west.progress_of(west.plain(line))
         if step is not None:
             progress(step[0], f"{job.title}: {step[1]}")

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from hil.build.manifest import GitState
 from hil.errors import BuildError
-from hil.process import capture
+from hil.process import git
 
 SOURCE_FOLDERS = ("firmware", "boards")
 IGNORED_PARTS = ("tests", "pil", "build", "__pycache__")
@@ -78,8 +78,4 @@ def inputs_hash(build_id: int, **others: str) -> str:
 
 def git_state(root: Path) -> GitState:
     """Commit of the checkout, and whether the firmware's sources differ from it."""
-    if capture(["git", "-C", root, "rev-parse", "--is-inside-work-tree"]) != "true":
-        return GitState("", "unknown")
-    commit = capture(["git", "-C", root, "rev-parse", "--verify", "--quiet", "HEAD"])
-    changed = capture(["git", "-C", root, "status", "--porcelain", "--", *SOURCE_FOLDERS])
-    return GitState(commit, "dirty" if changed or not commit else "clean")
+    return GitState(*git.state(root, *SOURCE_FOLDERS))

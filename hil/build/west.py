@@ -47,6 +47,10 @@ def check_host_tools(path: str | None) -> None:
         )
 
 
+RERUN = "Re-running CMake"
+"""What ninja says when its own rules are older than what they were made from."""
+
+
 def arguments(
     source: Path,
     folder: Path,

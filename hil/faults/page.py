@@ -45,7 +45,9 @@ Faults of bytes, edges and clocks are put between the source and its recording: 
 radio, on boards, and on a recording made earlier. `absent` leaves the follower out of a simulation;
 elsewhere it takes out what it said and did. `reboot` takes the power from a node as its line shows
 it: silence, then what the node says from its boot on, while its pins stay quiet; the firmware
-itself is not started again. `storm` and `flash` are done to the nodes.
+itself is not started again. BabbleSim's radio admits its devices once, before time begins, so that
+a simulated node cannot leave the air and come back, and a brown-out of running firmware is not
+simulated. `storm` and `flash` are done to the nodes.
 
 An injected run is never taken for a clean one: the faults are part of the recording's name, of its
 scenario and of its events, which also count what was changed; every view of a report says them in

@@ -66,6 +66,7 @@ ROWS: Final[tuple[Row, ...]] = (
 )
 
 _HERE: Final = "tests/unit/faults/test_other_checks.py"
+_HOLD: Final = "tests/unit/test_imu.py::test_a_hold_that_is_not_obeyed_fails"
 _FIFO: Final = "tests/unit/test_imu_fifo.py"
 _REPS: Final = "tests/unit/firmware/test_reps_measures.py"
 
@@ -80,6 +81,7 @@ OTHERWISE: Final[Mapping[str, str]] = {
     r"ekf\.false_zupt_frames": f"{_HERE}::test_another_lift_than_was_estimated",
     r"ekf\.rep_.+": f"{_REPS}::test_right_frames_pass_and_wrong_ones_fail",
     r"imu\.follower_at_leader\.outage_s": f"{_HERE}::test_an_outage_that_lasts",
+    r"imu\.follower_at_leader\.hold_exceeded_s": _HOLD,
     r"fifo\..+\.wake_to_sample_ms": f"{_FIFO}::test_a_rest_is_no_loss_of_rate_but_a_stall_is",
     r"fifo\..+\.fault_.+_detected": f"{_FIFO}::test_a_fault_is_detected_by_its_counters",
     r"fifo\..+\.fault_.+_recovery_s": f"{_HERE}::test_a_recovery_that_lasts",

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import enum
 import re
+from contextlib import nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -66,6 +67,7 @@ def log(
     Example: [bold]hil log --port leader=/dev/ttyACM0 --rotate 10min[/bold]
     """
     from hil import library  # noqa: PLC0415 (start-up time of --help)
+    from hil.bench import lock  # noqa: PLC0415
     from hil.log.capture import capture  # noqa: PLC0415
     from hil.log.parts import plain_name  # noqa: PLC0415
     from hil.log.source import named, of_bench  # noqa: PLC0415
@@ -89,7 +91,12 @@ def log(
 
     from hil.log import show  # noqa: PLC0415
 
-    with told_to_stop() as stop, show.live(Console(stderr=True), "logging") as update:
+    with (
+        # Named ports need not be the bench's.
+        nullcontext() if port else lock.hold(bench),
+        told_to_stop() as stop,
+        show.live(Console(stderr=True), "logging") as update,
+    ):
         found = capture(sources, path, rotation, stop=stop, show=update, duration_s=duration_s)
     show.summary(found, Console())
     _write_tables(found.parts.paths, csv, parquet)

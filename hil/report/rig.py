@@ -9,7 +9,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Final
 
-from hil.process import capture
+from hil.process import git
 
 _PACKAGE: Final = Path(__file__).resolve().parents[1]
 _JUDGING: Final = ("numpy", "mcap")
@@ -36,12 +36,8 @@ def git_state(package: Path) -> tuple[tuple[str, str], tuple[str, str]]:
     ``commit`` is empty and ``state`` is ``unknown`` when the package is in no checkout, also when
     it is installed below somebody else's.
     """
-    git = ("git", "-C", package)
-    if not capture([*git, "ls-files", "--", "__init__.py"]):
-        return ("commit", ""), ("state", "unknown")
-    commit = capture([*git, "rev-parse", "--verify", "--quiet", "HEAD"])
-    changed = capture([*git, "status", "--porcelain", "--", "."])
-    return ("commit", commit), ("state", "dirty" if changed or not commit else "clean")
+    commit, state = git.state(package, ".", tracked="__init__.py")
+    return ("commit", commit), ("state", state)
 
 
 def package_version(name: str) -> str:

@@ -17,7 +17,7 @@ LICENCES: Final[Mapping[str, str]] = {
     "zephyr": "Apache-2.0",
     "cmsis": "Apache-2.0",
     "cmsis_6": "Apache-2.0",
-    "hal_nordic": "BSD-3-Clause",
+    "hal_nordic": "BSD-3-Clause AND Apache-2.0",
     "hal_st": "BSD-3-Clause",
     "mbedtls": "Apache-2.0 OR GPL-2.0-or-later",
     "nrf_hw_models": "Apache-2.0",

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 """Stops commands at random times in random ways and looks at what is left.
 
-``python -m tests.kills --count 200 --seed 1``; see docs/hardening.md. Exit status 1 when an
+``python -m tests.kills --count 200 --seed 1``; see docs/interruption.md. Exit status 1 when an
 invariant did not hold.
 """
 
@@ -20,7 +20,7 @@ from pathlib import Path
 
 from tests.kills import commands, strike
 from tests.kills.commands import Command
-from tests.kills.invariants import broken
+from tests.kills.invariants import ORPHAN, UNREADABLE, broken
 
 
 @dataclass(frozen=True)
@@ -40,10 +40,12 @@ def trial(command: Command, kind: str, dice: random.Random, folder: Path) -> Tri
     scratch.mkdir()
     after_s = dice.uniform(0.0, 1.05 * command.took_s)
     assert command.reference is not None
-    size = sum(map(len, command.reference.values()))
+    size_b = command.room_b or sum(map(len, command.reference.values()))
     try:
         if kind in (strike.FULL, strike.READ_ONLY):
-            with strike.disk(out, kind, round(dice.uniform(0.0, 0.95) * size)):
+            assert command.disk is not None
+            room_b = round(dice.uniform(0.0, 0.95) * size_b)
+            with strike.disk(command.disk(out), kind, room_b):
                 struck = command.run(out, scratch, kind)
                 found = broken(command, kind, struck, out, scratch)
         else:
@@ -68,7 +70,7 @@ def trials(count: int, seed: int, names: Sequence[str], folder: Path) -> list[Tr
             (command, kind)
             for kind in strike.KINDS
             for command in ready
-            if command.disks or kind not in (strike.FULL, strike.READ_ONLY)
+            if command.disk or kind not in (strike.FULL, strike.READ_ONLY)
         ]
         chosen: list[tuple[Command, str]] = []
         while len(chosen) < count:
@@ -115,8 +117,11 @@ def main() -> int:
     print(table(done))
     bad = sum(bool(one.broken) for one in done)
     skipped = sum(bool(one.skipped) for one in done)
+    said = [sentence for one in done for sentence in one.broken]
+    orphans, unreadable = (sum(s.startswith(what) for s in said) for what in (ORPHAN, UNREADABLE))
     print(
-        f"{len(done) - skipped} stops, {skipped} skipped, {bad} not sound, seed {options.seed}, "
+        f"killed {len(done) - skipped}, sound {len(done) - skipped - bad}, orphans {orphans}, "
+        f"unreadable {unreadable}; skipped {skipped}, seed {options.seed}, "
         f"{time.monotonic() - begin_s:.0f} s"
     )
     return 1 if bad else 0

@@ -12,10 +12,11 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
+from struct import unpack_from
 
-from hil.build import find_babblesim, find_workspace
+from hil.build import find_babblesim, find_workspace, manifest
+from hil.build.sources import SOURCE_FOLDERS
 from hil.errors import BuildError
 from hil.recording import load
 from tests.bench.virtual.world import Port, World
@@ -24,6 +25,8 @@ from tests.kills import strike
 ROOT = Path(__file__).parents[2]
 CLEAN = ROOT / "fixtures/recordings/clean-7ms5"
 LOG_S = 3.0
+LINKED_B = 16_000_000
+"""About what a link of an image and what goes with it write."""
 TREE = "HIL_KILLS_TREE"
 SCENARIO = """name = "struck"
 duration_s = 6
@@ -41,19 +44,23 @@ class Command:
     Attributes:
         arguments: given the folder to write to, what comes after ``hil``.
         records: its ``.mcap`` files are recordings, readable at any time; else they are outputs.
-        disks: what it writes goes to the folder that it is given.
+        disk: the folder that may be full or read-only, given the one to write to; None: none.
+        room_b: what a run writes there, when that is not the size of its outputs.
         tree, images: as :mod:`tests.kills.entry` takes them.
+        half: sentences about what is taken for whole beside the outputs, and is not.
         reference: name -> content of the outputs of a run that nobody stopped.
     """
 
     name: str
     arguments: Callable[[Path], Sequence[str | Path]]
     records: bool = False
-    disks: bool = True
+    disk: Callable[[Path], Path] | None = lambda out: out
+    room_b: int | None = None
     tree: str = "-"
     images: str = "-"
     environment: Mapping[str, str] | None = None
     locks: Callable[[], list[Path]] = list
+    half: Callable[[], list[str]] = list
     took_s: float = 0.0
     reference: Mapping[str, bytes] | None = None
 
@@ -162,23 +169,22 @@ def flash(folder: Path) -> Iterator[Command]:
         yield Command(
             "bench flash",
             lambda _: ["bench", "flash", "--always", "--file", bench],
-            disks=False,
+            disk=None,
             images=str(images),
             environment=world.environment,
             locks=lambda: [bench.with_name(f".{bench.name}.lock")],
         )
 
 
-@cache
 def tree_at(folder: Path) -> Path:
     """A checkout of its own, so that nobody else's builds are stopped.
 
-    The environment may name one, of an earlier run, in which the images are built already.
+    Below the folder that the environment names, images built by an earlier run are used again.
     """
-    tree = folder / "tree"
-    if TREE in os.environ:
-        return Path(os.environ[TREE])
-    for name in ("firmware", "boards"):
+    tree = Path(os.environ.get(TREE, folder.parent)) / folder.name / "tree"
+    for name in SOURCE_FOLDERS:
+        shutil.rmtree(tree / name, ignore_errors=True)
+        # With their times, so that only what changed is compiled anew.
         shutil.copytree(ROOT / name, tree / name, symlinks=True)
     return tree
 
@@ -189,6 +195,25 @@ def _workspace() -> bool:
     except BuildError:
         return False
     return True
+
+
+def half_images(folder: Path) -> list[str]:
+    """What ``hil`` would run as the image in ``folder``, and is not one.
+
+    A whole ELF file ends with its table of sections, and ours holds its build id (ELF-32, TIS).
+    """
+    made = manifest.load(folder)
+    if made is None or not made.is_intact():
+        return []
+    found = []
+    for kind in made.files:
+        image = made.file(kind).read_bytes()
+        (table,), (size, count) = unpack_from("<I", image, 32), unpack_from("<HH", image, 46)
+        if len(image) != table + size * count:
+            found.append(f"half an image is taken for whole: {kind}, {len(image)} bytes")
+        if int(made.build_id, 16).to_bytes(8, "little") not in image:
+            found.append(f"an image of another build: {kind} is not {made.build_id}")
+    return found
 
 
 @contextmanager
@@ -205,9 +230,11 @@ def build(folder: Path) -> Iterator[Command]:
     yield Command(
         "build",
         arguments,
-        disks=False,
+        disk=lambda _: image,
+        room_b=LINKED_B,
         tree=str(tree),
         locks=lambda: [image.with_name(".follower.lock")],
+        half=lambda: half_images(image),
     )
 
 
@@ -243,9 +270,7 @@ def all_of(folder: Path, names: Sequence[str] = ()) -> Iterator[list[Command]]:
         for name in names or makers:
             own = folder / name
             own.mkdir()
-            made.append(
-                stack.enter_context(makers[name](folder if name in WITH_WORKSPACE else own))
-            )
+            made.append(stack.enter_context(makers[name](own)))
         yield made
 
 
@@ -258,9 +283,9 @@ def measure(command: Command, folder: Path) -> None:
     out, scratch = folder / "out", folder / "tmp"
     for place in (out, scratch):
         place.mkdir(parents=True)
-    if not command.disks and command.reference is None:
-        # The first build compiles all of Zephyr.
-        command.run(out, scratch)
+    if command.tree != "-" and command.reference is None:
+        # The first time all of Zephyr is compiled.
+        command.run(folder / "first", scratch)
     struck = command.run(out, scratch)
     assert struck.status in (0, 1), f"hil {command.name}: {struck.said[-2000:]}"
     command.took_s = struck.took_s

@@ -19,6 +19,8 @@ GONE_LIMIT_S = 10.0
 """Until then whoever cleans up after a killed owner must be done, on a busy machine."""
 HIDDEN = re.compile(r"\..+\.[0-9a-f]{8}")
 KILLS = ("kill", "kill-group")
+ORPHAN = "process left"
+UNREADABLE = "unreadable"
 
 
 def broken(command: Command, kind: str, struck: Struck, out: Path, scratch: Path) -> list[str]:
@@ -38,12 +40,13 @@ def broken(command: Command, kind: str, struck: Struck, out: Path, scratch: Path
         time.sleep(0.1)
     found += left
     found += _outputs(command, kind, out)
+    found += command.half()
     found += [f"the lock {lock} is held" for lock in command.locks() if _is_held(lock)]
     return found
 
 
 def _left(struck: Struck, scratch: Path) -> list[str]:
-    left = [f"process left: {one}" for one in strike.marked(struck.mark)]
+    left = [f"{ORPHAN}: {one}" for one in strike.marked(struck.mark)]
     return left + [f"left in the folder for temporary files: {p.name}" for p in scratch.iterdir()]
 
 
@@ -57,7 +60,7 @@ def _outputs(command: Command, kind: str, out: Path) -> Iterator[str]:
             try:
                 load(path)
             except HilError as error:
-                yield f"unreadable: {name}, {path.stat().st_size} bytes: {error.message}"
+                yield f"{UNREADABLE}: {name}, {path.stat().st_size} bytes: {error.message}"
         elif path.is_file() and not command.is_whole(name, path.read_bytes()):
             yield f"not whole: {name}, {path.stat().st_size} bytes"
 

@@ -6,9 +6,11 @@ from __future__ import annotations
 import contextlib
 import os
 import select
+import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 import uuid
 from collections.abc import Iterator, Mapping
@@ -132,24 +134,30 @@ class Terminal:
 
 @contextmanager
 def disk(folder: Path, kind: str, room_b: int) -> Iterator[None]:
-    """Make ``folder`` a disk of its own with ``room_b`` bytes, or one that cannot be written to.
+    """Make ``folder`` a disk of its own with room for ``room_b`` bytes beside what it holds, or
+    one that cannot be written to. What it held before is there again afterwards.
 
     Raises:
         PermissionError: this user may not mount.
     """
-    options = f"size={max(room_b, 4096)}" if kind == FULL else "ro"
-    made = subprocess.run(
-        ["mount", "-t", "tmpfs", "-o", options, "hil-kills", str(folder)],
-        check=False,
-        capture_output=True,
-        text=True,
-    )
+    with tempfile.TemporaryDirectory(prefix="hil-kills-") as kept:
+        shutil.copytree(folder, kept, symlinks=True, dirs_exist_ok=True)
+        _mount("-t", "tmpfs", "hil-kills", str(folder))
+        try:
+            shutil.copytree(kept, folder, symlinks=True, dirs_exist_ok=True)
+            blocks = os.statvfs(folder)
+            used_b = (blocks.f_blocks - blocks.f_bfree) * blocks.f_frsize
+            limit = f"size={used_b + max(room_b, 4096)}" if kind == FULL else "ro"
+            _mount("-o", f"remount,{limit}", str(folder))
+            yield
+        finally:
+            subprocess.run(["umount", "-l", str(folder)], check=False)
+
+
+def _mount(*arguments: str) -> None:
+    made = subprocess.run(["mount", *arguments], check=False, capture_output=True, text=True)
     if made.returncode:
         raise PermissionError(made.stderr.strip())
-    try:
-        yield
-    finally:
-        subprocess.run(["umount", "-l", str(folder)], check=False)
 
 
 def marked(mark: str) -> list[str]:

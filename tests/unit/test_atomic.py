@@ -9,6 +9,7 @@ import stat
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -123,3 +124,14 @@ def test_what_cannot_be_written_is_an_oserror(tmp_path: Path, kind: str) -> None
     with pytest.raises(OSError, match=r"."):
         write_whole(path, NEW)
     assert [p.name for p in tmp_path.iterdir()] == ([] if kind == "name too long" else ["there"])
+
+
+@pytest.mark.parametrize("make", [os.mkfifo, os.mkdir])
+def test_what_is_no_file_is_not_replaced(tmp_path: Path, make: Callable[[Path], None]) -> None:
+    """As root a rename would put a file in the place of /dev/null."""
+    make(tmp_path / "out")
+    before = (tmp_path / "out").stat().st_ino
+    with pytest.raises(PermissionError, match="no file"):
+        write_whole(tmp_path / "out", b"x")
+    assert (tmp_path / "out").stat().st_ino == before
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]

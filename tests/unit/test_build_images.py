@@ -155,6 +155,18 @@ def test_the_manifest_of_a_board_image_has_flash_and_ram(place: Path, fake_west:
     assert "BSIM_OUT_PATH" not in fake_west.calls[0][1]["env"]
 
 
+def test_a_disk_that_keeps_nothing_of_cmake_ends_the_build(
+    place: Path, fake_west: FakeWest
+) -> None:
+    again = "[0/1] Re-running CMake..."
+    fake_west.lines = (again, *fake_west.lines)
+    build("leader", "sim", {"A": 1})
+    fake_west.lines = (again, again)
+    with pytest.raises(BuildError, match="runs CMake again and again") as caught:
+        build("leader", "sim", {"A": 2})
+    assert "df -h" in caught.value.mend
+
+
 def test_nothing_changed_is_said_and_quick(place: Path, fake_west: FakeWest) -> None:
     first = build("leader", "sim", root=place)
     said: list[str] = []

@@ -4,15 +4,20 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 
+from hil.core import NOTHING, Samples, ticks
 from hil.motion import lifts
 from hil.motion.imu_model import ErrorSpread
 from hil.motion.lifts import Lift
 from hil.motion.plan import Plan
+from hil.parity import Batch, relative_errors, run_core, run_reference
+from hil.reference import broad
 from hil.reference.estimator import Estimator, Flag, Sample
 from hil.reference.params import Params
 from hil.reference.study import Link, Run, run_set, summarise
@@ -252,8 +257,6 @@ def test_nees_is_inside_its_95_percent_band_when_the_model_holds():
 
 def test_vertical_velocity_of_a_known_motion():
     """A level sensor on a sine: both integration and truth give it back through their filters."""
-    from hil.reference import broad  # noqa: PLC0415
-
     rate = 285.0
     t = np.arange(0.0, 20.0, 1.0 / rate)
     w, n = 2 * np.pi * 0.8, len(t)
@@ -275,13 +278,58 @@ def test_vertical_velocity_of_a_known_motion():
 
 
 @cache
-def broad_figures(trial: str) -> dict[str, tuple[float, float]]:
-    """Inclination, deg, and vertical velocity, m/s, by method; the estimators run once a trial."""
-    from hil.reference import broad  # noqa: PLC0415
-
+def broad_trial(name: str) -> tuple[broad.Trial, Batch]:
+    """A trial, and its samples as reference and core take them."""
     pytest.importorskip("h5py", reason="pip install h5py")
+    trial = broad.load(os.environ["HIL_DATA"], name)
+    t_ticks = ticks(np.arange(len(trial.accel_mps2)) / trial.rate_hz)
+    samples = Samples(t_ticks, trial.accel_mps2, trial.gyro_radps)
+    return trial, Batch(samples, NOTHING, np.zeros(0, np.int64))
+
+
+def estimated_by(run: Callable[[Batch, Params], np.ndarray], trial: broad.Trial, samples: Batch):
+    """What :func:`hil.reference.broad.estimate` says of a trial, by the core or the reference."""
+    params = broad.params(trial.rate_hz)
+    outputs = run(samples, params)
+    delay = round(Estimator(params).leader.prefilter.delay_samples)
+    n = len(samples.leader.t_ticks)
+    q, velocity = np.full((n, 4), np.nan), np.full(n, np.nan)
+    q[outputs["step"] - delay], velocity[outputs["step"] - delay] = outputs["q"], outputs["v"][:, 2]
+    return q, velocity
+
+
+@cache
+def broad_figures(name: str) -> dict[str, tuple[float, float]]:
+    """Inclination, deg, and vertical velocity, m/s, by method, over the whole trial.
+
+    The core in double stands for the reference, which takes a minute for the three trials;
+    that they are the same on these is the next test's.
+    """
     pytest.importorskip("vqf", reason="pip install vqf")
-    return broad.figures(broad.load(os.environ["HIL_DATA"], trial))
+    trial, samples = broad_trial(name)
+    return broad.figures(trial, estimated_by(run_core, trial, samples))
+
+
+@pytest.mark.skipif(not os.environ.get("HIL_DATA"), reason="set HIL_DATA to the real recordings")
+@pytest.mark.parametrize("name", ["14", "15", "24"])
+def test_reference_and_core_are_the_same_on_broad(name):
+    """From four seconds of rest to the eleventh second of motion; every decision too."""
+    trial, samples = broad_trial(name)
+    moves = int(np.flatnonzero(trial.counts)[0])
+    chosen = slice(moves - round(4 * trial.rate_hz), moves + round(11 * trial.rate_hz))
+    cut = replace(samples, leader=Samples(*(column[chosen] for column in samples.leader.columns())))
+    params = broad.params(trial.rate_hz)
+    core, reference = run_core(cut, params), run_reference(cut, params)
+    errors = relative_errors(core, reference)
+    assert max(errors.values()) <= 1e-9, errors
+    np.testing.assert_array_equal(core["flags"], reference["flags"])
+    # And the reference's own loop over a trial gives the same from sample to sample.
+    begun = replace(
+        trial, accel_mps2=trial.accel_mps2[chosen][:900], gyro_radps=trial.gyro_radps[chosen][:900]
+    )
+    few = replace(cut, leader=Samples(*(column[:900] for column in cut.leader.columns())))
+    for mine, theirs in zip(broad.estimate(begun), estimated_by(run_core, begun, few), strict=True):
+        np.testing.assert_allclose(mine, theirs, atol=1e-7)
 
 
 @pytest.mark.skipif(not os.environ.get("HIL_DATA"), reason="set HIL_DATA to the real recordings")

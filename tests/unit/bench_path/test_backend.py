@@ -12,10 +12,11 @@ import pytest
 from hil import checks, run
 from hil.bench.analyser.sr_file import open_sr
 from hil.errors import BuildError, RigError
+from hil.faults import parse_all
 from hil.measure import Measurement, Verdict
 from hil.recording import Recording, load
 from hil.wire.codec import decode
-from tests.bench.virtual.world import WIRED, World
+from tests.bench.virtual.world import SERIALS, WIRED, World
 
 
 @pytest.fixture
@@ -57,6 +58,34 @@ def test_ports_of_exchanged_boards_are_refused_by_what_hello_says(
     kept = load(world.project / "run/recording.mcap")
     assert not kept.integrity.complete
     assert "it says that it is the follower" in " ".join(kept.integrity.problems)
+
+
+def test_boards_that_the_bench_file_takes_for_each_other_are_refused(world: World) -> None:
+    """Probes, and so the ports and the images, are named crosswise."""
+    bench_file = world.bench_file(analyser=False)
+    text = bench_file.read_text()
+    leader, follower = SERIALS.values()
+    text = text.replace(leader, "X").replace(follower, leader).replace("X", follower)
+    bench_file.write_text(text)
+    with pytest.raises(RigError, match="leader: it says that it is the follower"):
+        record(world, 2.0, bench_file)
+    kept = load(world.project / "run/recording.mcap")
+    assert not kept.integrity.complete
+
+
+def test_swapped_boards_that_nothing_refused_are_caught_by_the_checks(world: World) -> None:
+    """The fault ``swap`` comes after the rig's own look at who is who."""
+    options = run.BenchOptions(world.bench_file(analyser=False), world.images())
+    output = world.project / "run/recording.mcap"
+    recording = run.live(
+        *("bench", world.scenario(4.0), None, output, silent),
+        bench=options,
+        inject=parse_all(["swap"]),
+    )
+    assert recording.provenance.injected
+    found = judged(recording)
+    for name in ("node.leader.hello_errors", "node.follower.hello_errors"):
+        assert found[name].verdict is Verdict.FAIL
 
 
 def test_firmware_of_another_build_is_refused(world: World) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,27 +26,14 @@ from hil.reps import Trace, of_outputs, of_recording, repetitions
 from hil.reps.online import agreement, detected, latest
 from hil.reps.study import asked
 from hil.wire.messages import REP_FLAGS, REP_KINDS, TICK_RATE_HZ
+from tests.unit.strokes import DOWN, STAND, UP
+from tests.unit.strokes import strokes as at_rate
 
 RECORDINGS = sorted((Path(__file__).parents[3] / "fixtures" / "recordings").glob("*"))
 RATE_HZ = 100.0
+strokes = partial(at_rate, rate_hz=RATE_HZ)
 TOLERANCE_MPS = 5e-5
 """Line K9 of the error budget."""
-
-STAND = (0.0, 1.0)
-DOWN, UP = (-0.5, 1.0), (0.5, 0.8)
-
-
-def strokes(*parts: tuple[float, float]) -> Trace:
-    """(travel_m, seconds) each: a half sine of velocity; travel 0 is a stand."""
-    v = []
-    for travel, seconds in parts:
-        n = round(seconds * RATE_HZ)
-        phase = np.pi * (np.arange(n) + 0.5) / n
-        v.append(travel * np.pi / (2.0 * seconds) * np.sin(phase))
-    velocity = np.concatenate(v)
-    t = 100.0 + np.arange(velocity.size) / RATE_HZ
-    height = np.cumsum(velocity) / RATE_HZ
-    return Trace(t, velocity, height, np.zeros(t.size), np.zeros(t.size, bool))
 
 
 def said(frames: np.ndarray[Any, Any]) -> list[tuple[int, str, bool]]:

@@ -8,6 +8,7 @@ import dataclasses
 import io
 import json
 import math
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -22,29 +23,15 @@ from hil.motion.plan import Plan
 from hil.parity import batch
 from hil.reference.params import Params
 from hil.reference.study import simulate
-from hil.reps import Trace, of_outputs, repetitions, show
+from hil.reps import of_outputs, repetitions, show
 from hil.reps.study import asked, count
 from hil.tools_cli import reps as command
+from tests.unit.strokes import DOWN, STAND, UP
+from tests.unit.strokes import strokes as at_rate
 
 RATE_HZ = 500.0
+strokes = partial(at_rate, rate_hz=RATE_HZ)
 CLEAN = Path(__file__).parents[3] / "fixtures/recordings/clean-7ms5"
-
-
-def strokes(*parts: tuple[float, float]) -> Trace:
-    """(travel_m, seconds) each: a half sine of velocity; travel 0 is a stand."""
-    v = []
-    for travel, seconds in parts:
-        n = round(seconds * RATE_HZ)
-        phase = np.pi * (np.arange(n) + 0.5) / n
-        v.append(travel * np.pi / (2.0 * seconds) * np.sin(phase))
-    velocity = np.concatenate(v)
-    t = 100.0 + np.arange(velocity.size) / RATE_HZ
-    height = np.cumsum(velocity) / RATE_HZ
-    return Trace(t, velocity, height, np.zeros(t.size), np.zeros(t.size, bool))
-
-
-STAND = (0.0, 1.0)
-DOWN, UP = (-0.5, 1.0), (0.5, 0.8)
 
 
 def test_figures_of_a_sine_stroke_are_those_worked_out_by_hand():
