@@ -9,7 +9,7 @@ PYTHON ?= python3
 # Recordings that other people made, for the tests that try estimators and decoders on them.
 export HIL_DATA ?= $(wildcard ../shared/data)
 
-.PHONY: help report test lint lock unit fuzz replay sim bench clean
+.PHONY: help report test lint lint-types lint-c lint-style lint-generated lock unit fuzz replay sim bench clean
 
 help:
 	@echo "make report   set up, judge the recordings, write build/report/index.html"
@@ -27,10 +27,11 @@ CORE := $(wildcard hil/core/CMakeLists.txt hil/core/*.?pp hil/wire/native/*.?pp 
 PIP := $(BIN)/python -m pip --quiet --disable-pip-version-check
 
 # Every package is one of the lock, byte for byte; hil itself is built with those too.
+# --no-compile: most modules are never imported, and the others are compiled when they first are.
 $(VENV)/ready: pyproject.toml ci/requirements.lock ci/debian-packages ci/packages.txt $(CORE)
 	bash ci/debian-packages base
 	$(PYTHON) -m venv $(VENV)
-	$(PIP) install --require-hashes --requirement ci/requirements.lock
+	$(PIP) install --no-compile --require-hashes --requirement ci/requirements.lock
 	$(PIP) install --no-deps --no-build-isolation --editable .
 	touch $@
 
@@ -42,18 +43,29 @@ report: $(VENV)/ready
 
 test: lint unit fuzz replay sim
 
+# Each part is one processor's work and none needs another's: two at a time.
 lint: $(VENV)/ready
+	bash ci/debian-packages test
+	@$(MAKE) --no-print-directory --keep-going --jobs=2 --output-sync=target \
+	  lint-types lint-c lint-style lint-generated
+
+lint-types: $(VENV)/ready
+	$(BIN)/mypy
+
+lint-c:
+	nice cppcheck --quiet --enable=warning,portability --std=c11 --error-exitcode=1 \
+	  --suppressions-list=ci/cppcheck.txt -Ifirmware/lib/wire -ifirmware/tests \
+	  firmware/apps firmware/lib firmware/drivers firmware/sim hil/core
+
+lint-style: $(VENV)/ready
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy
+
+lint-generated: $(VENV)/ready
 	ci/lock --check
 	$(BIN)/python -m hil.sbom.page --check
 	$(BIN)/python -m hil.wire.cgen --check
 	$(BIN)/python -m hil.report.format_page --check
-	bash ci/debian-packages test
-	nice cppcheck --quiet --enable=warning,portability --std=c11 --error-exitcode=1 \
-	  --suppressions-list=ci/cppcheck.txt -Ifirmware/lib/wire -ifirmware/tests \
-	  firmware/apps firmware/lib firmware/drivers firmware/sim hil/core
 
 unit: $(VENV)/ready
 	bash ci/debian-packages test

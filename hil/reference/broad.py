@@ -209,13 +209,18 @@ def velocity_rmse_mps(velocity: FloatArray, trial: Trial, *, washout: bool) -> f
     return float(np.sqrt(np.mean(error * error)))
 
 
-def figures(trial: Trial) -> dict[str, tuple[float, float]]:
+def figures(
+    trial: Trial, estimated: tuple[FloatArray, FloatArray] | None = None
+) -> dict[str, tuple[float, float]]:
     """By method: inclination RMSE, deg, and vertical velocity RMSE, m/s.
 
     ``estimator`` is the filter's own velocity against the truth as it is; the others are the same
     high-passed integration on three attitudes. VQF is there if it is installed.
+
+    Args:
+        estimated: what to judge, as :func:`estimate` gives it; left out, the reference runs.
     """
-    q, own = estimate(trial)
+    q, own = estimated or estimate(trial)
     attitudes = {"integration on this attitude": q, "integration on Madgwick's": madgwick(trial)}
     try:
         vqf = importlib.import_module("vqf")
