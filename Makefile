@@ -69,7 +69,7 @@ lint-generated: $(VENV)/ready
 
 unit: $(VENV)/ready
 	bash ci/debian-packages test
-	$(BIN)/pytest tests/unit -m "not alone" -n 2 --dist loadfile --no-loadscope-reorder
+	$(BIN)/pytest tests/unit -m "not alone" -n 3 --dist loadfile --no-loadscope-reorder
 	$(BIN)/pytest tests/unit -m alone
 
 fuzz: $(VENV)/ready

@@ -131,7 +131,8 @@ def _record(session: Session, scenario: Scenario, writer: Writer, progress: Prog
         pump()
         if session.true_s - told_s >= RIG_EVERY_S:
             told_s = session.true_s
-            writer.write_event(Event(round(told_s * 1e9), "rig", "", {"rss_kib": rss_kib()}))
+            rig = {"rss_kib": rss_kib(), "chunks": writer.chunks}
+            writer.write_event(Event(round(told_s * 1e9), "rig", "", rig))
         now_s = time.monotonic()
         if now_s - shown_s > 0.2:
             shown_s = now_s

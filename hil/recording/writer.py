@@ -88,6 +88,7 @@ class Writer:
         self._closed = False
         self._broken = False
         self._unflushed = 0
+        self._chunks = 0
         self._flushed_s = time.monotonic()
         self._ports = {role: _Port() for role in roles}
         self._edge_channels = tuple(edge_channels)
@@ -205,6 +206,11 @@ class Writer:
             self._add(layout.TOPIC_EVENTS, int(event.t_ns_bench), body)
             self._unflushed += len(body)
             self._flush_when_due()
+
+    @property
+    def chunks(self) -> int:
+        """Closed so far; the file's index grows by an entry with each."""
+        return self._chunks
 
     def flush(self) -> None:
         """Close the chunk in progress and hand it to the operating system.
@@ -350,6 +356,7 @@ class Writer:
             self._close_truth_blocks(role, pending)
         with self._mending():
             self._mcap.flush()  # type: ignore[no-untyped-call]
+        self._chunks += 1
         self._unflushed = 0
         self._flushed_s = time.monotonic()
 

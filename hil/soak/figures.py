@@ -28,7 +28,8 @@ STUDENT_T: Final = 2.074
 """97.5 % quantile of Student's t with PARTS - 2 degrees of freedom."""
 HOUR_S: Final = 3600.0
 RIG_EVENT: Final = "rig"
-"""Events of this kind hold ``rss_kib``: memory of the process that records."""
+"""Events of this kind hold ``rss_kib``, memory of the process that records, and ``chunks``, how
+many it has written to the recording: its index is in memory until the end."""
 LOSSES_LINE: Final = "L4"
 LOSSES: Final = {
     "link_stats": ("batches_lost", "tx_dropped"),
@@ -160,7 +161,7 @@ def _figures(recording: Recording) -> Soak:
             parts := in_parts(track, lasted_s),
             trend(track, parts),
         )
-        for track in tracks(recording, lasted_s)
+        for track in tracks(recording)
     )
     return Soak(lasted_s, rows, losses(recording))
 
@@ -191,7 +192,7 @@ def trend(track: Track, parts: Sequence[float]) -> Trend | None:
     return Trend(change, half_width, significant, significant > track.allowed)
 
 
-def tracks(recording: Recording, lasted_s: float) -> Iterator[Track]:
+def tracks(recording: Recording) -> Iterator[Track]:
     """What is followed through the run."""
     sync = analyse(recording)
     if sync.truth and np.any(sync.models.locked):
@@ -211,12 +212,13 @@ def tracks(recording: Recording, lasted_s: float) -> Iterator[Track]:
             yield Track(
                 *(f"{role}.{name}", f"{title}, {role}", "B", at_s, value, "D2"), grows=grows
             )
-    memory = [(e.t_ns_bench / 1e9, e.data["rss_kib"]) for e in recording.events if _is_rig(e.data)]
-    if memory:
-        at_s, kib = np.array(memory, dtype=np.float64).T
+    rig = [e for e in recording.events if _is_rig(e.data)]
+    if rig:
+        seen = [(e.t_ns_bench / 1e9, e.data["rss_kib"], e.data["chunks"]) for e in rig]
+        at_s, kib, chunks = np.array(seen, dtype=np.float64).T
         yield Track(
             *("rig.memory_growth", "memory of the rig", "KiB", at_s, kib, "D3"),
-            scale=lasted_s / HOUR_S,
+            scale=float(chunks[-1] - chunks[0]),
             grows=True,
         )
 
@@ -234,4 +236,6 @@ def losses(recording: Recording) -> dict[str, int]:
 
 
 def _is_rig(data: object) -> bool:
-    return isinstance(data, dict) and isinstance(data.get("rss_kib"), int)
+    return isinstance(data, dict) and all(
+        isinstance(data.get(name), int) for name in ("rss_kib", "chunks")
+    )

@@ -147,7 +147,10 @@ def test_the_manifest_of_a_simulated_image(place: Path, fake_west: FakeWest) -> 
     assert str(place) not in json.dumps(saved)
 
 
-def test_the_manifest_of_a_board_image_has_flash_and_ram(place: Path, fake_west: FakeWest) -> None:
+def test_the_manifest_of_a_board_image_has_flash_and_ram(
+    place: Path, fake_west: FakeWest, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("BSIM_OUT_PATH", raising=False)
     made = build("follower", "nrf52840dk", root=place)
     assert set(made.files) == {"hex", "elf"}
     assert (made.flash_bytes, made.flash_total_bytes) == (0x1040, 1024 * 1024)

@@ -29,7 +29,7 @@ int main(int argc, char **argv)
 	// Exactly as large as it is, so that a byte too far is seen.
 	data.shrink_to_fit();
 	const auto found = hil::wire::take_apart(data.data(), data.size(), layouts);
-	const auto frames = std::count_if(found.seq.begin(), found.seq.end(),
+	const auto frames = std::count_if(found.seq.data(), found.seq.data() + found.seq.size(),
 					  [](int32_t seq) { return seq >= 0; });
 	std::printf("%zu %td %lld %lld\n", found.start.size(), frames,
 		    static_cast<long long>(found.unknown_types),

@@ -40,7 +40,7 @@ def with_memory(kib_at_end: int) -> Recording:
             round(t * 1e9),
             "rig",
             "",
-            {"rss_kib": round(70_000 + (kib_at_end - 70_000) * t / LONG_S)},
+            {"rss_kib": round(70_000 + (kib_at_end - 70_000) * t / LONG_S), "chunks": round(t)},
         )
         for t in np.linspace(0.0, LONG_S, 60)
     )
@@ -115,9 +115,9 @@ def test_the_report_of_a_long_run_has_its_figures() -> None:
         *("soak.rig.memory_growth_kib", "soak.lost"),
     }
     assert {m.verdict for m in found.values()} == {Verdict.PASS}
-    # 5280 KiB an hour; 100 KiB in the whole run, which a line through 24 means sees 23.9/24 of.
+    # A chunk a second; 100 KiB in the whole run, which a line through 24 means sees 23.9/24 of.
     memory = found["soak.rig.memory_growth_kib"]
-    assert memory.limits.high == pytest.approx(5280 * LONG_S / 3600, rel=0.01)
+    assert memory.limits.high == pytest.approx(1.47 * LONG_S, rel=0.01)
     assert memory.value == pytest.approx(100, abs=3)
     drawn = {one.check: one for one in checks.series(recording) if one.name.startswith("soak.")}
     assert set(drawn) == set(found) - {"soak.lost"}
@@ -237,6 +237,8 @@ def test_an_entry_of_a_recordings_index_is_as_small_as_the_budget_says(tmp_path:
                 writer.flush()
 
         chunks(0)
+        # The file's front is a chunk too.
+        assert writer.chunks == count + 1
         tracemalloc.start()
         chunks(count)
         grown_b = tracemalloc.get_traced_memory()[0]
