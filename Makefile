@@ -86,6 +86,7 @@ sim: $(VENV)/ready
 
 # The machine should have nothing else to do. -m: benchmarks/ is not part of the package.
 bench: $(VENV)/ready
+	$(PIP) install "filterpy>=2.0"  # The one peer that the tests do without.
 	$(BIN)/python -m benchmarks
 
 clean:

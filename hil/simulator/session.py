@@ -56,6 +56,7 @@ class Session:
         self._speed = speed
         self._watch = ProgressWatch(stall_limit_s)
         self._drain_deadline_s: float | None = None
+        self._ended = 0
         self._cleanup = ExitStack()
 
     def __enter__(self) -> Self:
@@ -86,11 +87,17 @@ class Session:
     def wait(self) -> bool:
         """Wait a moment; False when the run has ended.
 
+        The end of a program is told one call late, so that the caller has read what it said last,
+        and knows when that was.
+
         Raises:
             RigError: a program died or hangs; the message names it and shows its last output.
         """
-        if check_ends(self.nodes, self._phy):
+        children = [self._phy, *(node.child for node in self.nodes)]
+        ended = sum(child.exit_status() is not None for child in children)
+        if ended == self._ended and check_ends(self.nodes, self._phy):
             return False
+        self._ended = ended
         # Woken for each burst, this process would cost as much as the simulation.
         time.sleep(POLL_S)
         self._watch.look(self.nodes, self._phy)

@@ -202,6 +202,51 @@ def test_burst_boundaries_do_not_matter(library: ctypes.CDLL, cuts: list[int]) -
     assert counters["tag_gaps"] == counters["slots_lost"] == counters["short_reads"] == 0
 
 
+PIECES = st.tuples(
+    st.integers(0, 8),  # slots that come whole
+    st.sampled_from(["lose", "flip", "spoil", "double", "other", "break", "restart"]),
+    st.integers(0, 7),  # which word of the next four slots it befalls; which bit of its tag
+)
+
+
+@given(st.lists(PIECES, min_size=1, max_size=12), st.integers(0, 3))
+def test_whole_slots_take_the_short_way_and_come_to_the_same(
+    library: ctypes.CDLL, pieces: list[tuple[int, str, int]], first: int
+) -> None:
+    """A push of one word holds no whole slot, so that each word goes the long way there."""
+    short, long = Decoder(library), Decoder(library)
+    slot, given = first, ([], [])
+    for count, befalls, which in pieces:
+        if befalls == "break":
+            short.break_(), long.break_()
+        elif befalls == "restart":
+            short.restart(slot + 3 + which), long.restart(slot + 3 + which)
+        words = stream(slot, slot + count + 5)
+        at = 2 * count + which
+        if befalls == "lose":
+            del words[at : at + 1 + which]
+        elif befalls == "flip":
+            words[at] = bytes([words[at][0] ^ 1 << which]) + words[at][1:]
+        elif befalls == "spoil":
+            # One by parity, the next by a number that is not its own, which parity cannot see.
+            words[at] = bytes([words[at][0] ^ 1]) + words[at][1:]
+            words[at + 1] = word(words[at + 1][0] >> 3, slot + which, (0, 0, 0))
+        elif befalls == "double":
+            words.insert(at, words[at])
+        elif befalls == "other":
+            words.insert(at, word(TIMESTAMP, 0, (1, 2, 3)))
+        slot += count + 5
+        given[0].extend(short.push(b"".join(words)).rows)
+        for one in words:
+            given[1].extend(long.push(one).rows)
+    assert given[0] == given[1]
+    ours, theirs = short.counters, long.counters
+    short.close(), long.close()
+    # An empty tag, as two flips may make, is a short read of each push.
+    del ours["short_reads"], theirs["short_reads"]
+    assert ours == theirs
+
+
 def test_accelerometer_first_pairs_as_well(decoder: Decoder) -> None:
     words = [w for slot in range(9) for w in reversed(slot_words(slot))]
     assert decoder.push(b"".join(words)).rows == [expected_row(slot) for slot in range(9)]

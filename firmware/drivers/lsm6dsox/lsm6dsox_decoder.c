@@ -5,6 +5,7 @@
 
 #define WORDS_PER_SLOT 2U
 #define PLACE_MODULUS  (WORDS_PER_SLOT * LSM6DSOX_SLOT_MODULUS)
+#define SLOT_SIZE      (WORDS_PER_SLOT * LSM6DSOX_WORD_SIZE)
 
 /* Output of one push. */
 struct output {
@@ -20,6 +21,17 @@ static bool has_even_parity(uint8_t tag)
 	return (tag & 1U) == 0U;
 }
 
+/* The three samples of a word. */
+static void read_axes(const uint8_t *bytes, int16_t *axes_lsb)
+{
+	/* At -O2 GCC would leave the loop standing. */
+#pragma GCC unroll 3
+	for (size_t i = 0; i < 3; i++) {
+		axes_lsb[i] = (int16_t)(uint16_t)(bytes[1 + 2 * i] |
+						  ((uint16_t)bytes[2 + 2 * i] << 8));
+	}
+}
+
 static struct lsm6dsox_word parse(const uint8_t *bytes)
 {
 	struct lsm6dsox_word word = {
@@ -28,12 +40,7 @@ static struct lsm6dsox_word parse(const uint8_t *bytes)
 		.distance = 1U,
 	};
 
-	for (size_t i = 0; i < 3; i++) {
-		const uint16_t raw =
-			(uint16_t)(bytes[1 + 2 * i] | ((uint16_t)bytes[2 + 2 * i] << 8));
-
-		word.axes_lsb[i] = (int16_t)raw;
-	}
+	read_axes(bytes, word.axes_lsb);
 	return word;
 }
 
@@ -71,6 +78,15 @@ static void drop_waiting(struct lsm6dsox_decoder *d)
 	}
 }
 
+/* @p count pairs are given out, the first of @p slot. */
+static void count_pairs(struct lsm6dsox_decoder *d, uint32_t slot, uint32_t count)
+{
+	d->counters.words_paired += WORDS_PER_SLOT * count;
+	d->counters.pairs += count;
+	d->counters.slots_lost += slot - d->next_slot;
+	d->next_slot = slot + count;
+}
+
 static void give_pair(struct lsm6dsox_decoder *d, uint32_t slot,
 		      const struct lsm6dsox_word *second, struct output *out)
 {
@@ -83,10 +99,7 @@ static void give_pair(struct lsm6dsox_decoder *d, uint32_t slot,
 	memcpy(pair->gyro_lsb, gyro->axes_lsb, sizeof(pair->gyro_lsb));
 	memcpy(pair->accel_lsb, accel->axes_lsb, sizeof(pair->accel_lsb));
 	d->half.sensor = 0U;
-	d->counters.words_paired += 2U;
-	d->counters.pairs++;
-	d->counters.slots_lost += slot - d->next_slot;
-	d->next_slot = slot + 1U;
+	count_pairs(d, slot, 1U);
 }
 
 /* A word whose place is certain: it is d->place. */
@@ -213,6 +226,52 @@ static uint32_t push_sensor(struct lsm6dsox_decoder *d, const struct lsm6dsox_wo
 	return 0U;
 }
 
+/* Tags of the two sensors by slot counter, with their parity. */
+static const uint8_t tags[][LSM6DSOX_SLOT_MODULUS] = {
+	[LSM6DSOX_TAG_GYRO] = {0x09, 0x0a, 0x0c, 0x0f},
+	[LSM6DSOX_TAG_ACCEL] = {0x11, 0x12, 0x14, 0x17},
+};
+
+/*
+ * The short way: whole slots one behind the other, nothing waiting. What push_sensor() would come to
+ * for each of their words, at a fifth of its cost. @return bytes that are done with.
+ */
+static size_t push_slots(struct lsm6dsox_decoder *d, const uint8_t *words, size_t size,
+			 struct output *out)
+{
+	const bool gyro_first = d->first_sensor == LSM6DSOX_TAG_GYRO;
+	const uint8_t *first_tags = tags[gyro_first ? LSM6DSOX_TAG_GYRO : LSM6DSOX_TAG_ACCEL];
+	const uint8_t *second_tags = tags[gyro_first ? LSM6DSOX_TAG_ACCEL : LSM6DSOX_TAG_GYRO];
+	const uint32_t first_slot = d->place / WORDS_PER_SLOT;
+	uint32_t slot = first_slot;
+	size_t at = 0;
+
+	if (!d->locked || d->waiting.sensor != 0U || d->half.sensor != 0U ||
+	    d->place % WORDS_PER_SLOT != 0U) {
+		return 0;
+	}
+	for (; at + SLOT_SIZE <= size; at += SLOT_SIZE) {
+		const uint8_t *first = &words[at];
+		const uint8_t *second = first + LSM6DSOX_WORD_SIZE;
+		const uint32_t count = (slot - d->phase / WORDS_PER_SLOT) % LSM6DSOX_SLOT_MODULUS;
+
+		if (first[0] != first_tags[count] || second[0] != second_tags[count]) {
+			break;
+		}
+		struct lsm6dsox_pair *pair = &out->pairs[out->count++];
+
+		pair->slot = slot++;
+		read_axes(gyro_first ? first : second, pair->gyro_lsb);
+		read_axes(gyro_first ? second : first, pair->accel_lsb);
+	}
+	if (at > 0) {
+		count_pairs(d, first_slot, slot - first_slot);
+		d->place = WORDS_PER_SLOT * slot;
+		d->damaged = 0U;
+	}
+	return at;
+}
+
 void lsm6dsox_decoder_init(struct lsm6dsox_decoder *d, uint32_t first_slot)
 {
 	memset(d, 0, sizeof(*d));
@@ -259,8 +318,21 @@ struct lsm6dsox_burst lsm6dsox_decoder_push(struct lsm6dsox_decoder *d, const ui
 	bool is_short = size % LSM6DSOX_WORD_SIZE != 0U;
 
 	for (size_t at = 0; at + LSM6DSOX_WORD_SIZE <= size; at += LSM6DSOX_WORD_SIZE) {
-		const struct lsm6dsox_word word = parse(&words[at]);
 		bool has_place = true;
+		const size_t done = push_slots(d, &words[at], size - at, &out);
+		const size_t places = done / LSM6DSOX_WORD_SIZE;
+
+		if (places_since_mark > 0U) {
+			places_since_mark += places;
+		} else if (mark > in_fifo && mark <= in_fifo + places) {
+			places_since_mark = in_fifo + places + 1U - mark;
+		}
+		in_fifo += places;
+		at += done;
+		if (at + LSM6DSOX_WORD_SIZE > size) {
+			break;
+		}
+		const struct lsm6dsox_word word = parse(&words[at]);
 
 		if (words[at] == LSM6DSOX_TAG_EMPTY) {
 			d->counters.words_empty++;
