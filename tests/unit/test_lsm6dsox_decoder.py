@@ -209,8 +209,8 @@ PIECES = st.tuples(
 )
 
 
-# Both words of a slot damaged, whole slots, and six words lost: the damage must be forgotten by then.
-@example([(2, "flip", 4), (4, "lose", 5)], 0)
+# Both words of a slot damaged, whole slots, seven words lost: the damage is forgotten by then.
+@example([(2, "flip", 4), (4, "lose", 6)], 0)
 @given(st.lists(PIECES, min_size=1, max_size=12), st.integers(0, 3))
 def test_whole_slots_take_the_short_way_and_come_to_the_same(
     library: ctypes.CDLL, pieces: list[tuple[int, str, int]], first: int
@@ -223,7 +223,7 @@ def test_whole_slots_take_the_short_way_and_come_to_the_same(
             short.break_(), long.break_()
         elif befalls == "restart":
             short.restart(slot + 3 + which), long.restart(slot + 3 + which)
-        words = stream(slot, slot + count + 5)
+        words = stream(slot, slot + count + 8)
         at = 2 * count + which
         if befalls == "lose":
             del words[at : at + 1 + which]
@@ -238,7 +238,7 @@ def test_whole_slots_take_the_short_way_and_come_to_the_same(
             words.insert(at, words[at])
         elif befalls == "other":
             words.insert(at, word(TIMESTAMP, 0, (1, 2, 3)))
-        slot += count + 5
+        slot += count + 8
         given[0].extend(short.push(b"".join(words)).rows)
         for one in words:
             given[1].extend(long.push(one).rows)
