@@ -36,9 +36,7 @@ BESIDE: Final = (
 """The firmware's routine, what it is held against, and their names in the table."""
 LACKING: Final = {
     "take": "it takes a byte at a time as the UART's interrupt gives them, each a call that keeps "
-    "its place; next: whole chunks from a DMA buffer",
-    "fifo": "it finds each word's place in a numbering that survives lost, damaged and doubled "
-    "words; next: a short way for two words that simply follow",
+    "its place, and only the host's commands come that way; next: whole chunks from a DMA buffer",
 }
 
 

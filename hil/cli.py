@@ -157,7 +157,7 @@ def _hil() -> None:
 
 _DISK = (
     *(errno.EACCES, errno.EDQUOT, errno.EFBIG, errno.ENOSPC, errno.EPERM, errno.EROFS),
-    *(errno.EEXIST, errno.EISDIR, errno.ENOTDIR),
+    *(errno.EEXIST, errno.EISDIR, errno.ENAMETOOLONG, errno.ENOENT, errno.ENOTDIR),
 )
 
 
@@ -166,6 +166,8 @@ def _disk_error(error: OSError) -> HilError:
     from hil.errors import HilError  # noqa: PLC0415
 
     where = f"{error.filename}: " if error.filename else ""
+    if error.errno in (errno.ENAMETOOLONG, errno.ENOENT):
+        return HilError(f"{where}cannot be opened: {error.strerror}", "check the path")
     return HilError(
         f"{where}cannot be written: {error.strerror}",
         "name a place that you may write to, with room",

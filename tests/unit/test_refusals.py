@@ -72,6 +72,7 @@ ROWS: Final = (
     "soak junk.csv",
     "soak CLEAN",
     "sbom nope",
+    "reps CLEAN --csv /proc/none/x.csv",
     "record nope.toml -o a",
     "record SCENARIO -o a --inject gremlins",
     "record SCENARIO -o a --inject drop=2",
