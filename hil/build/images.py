@@ -18,7 +18,7 @@ from hil.build.job import Job, plan
 from hil.build.manifest import Manifest
 from hil.build.sources import KconfigValue
 from hil.errors import BuildError
-from hil.process import run
+from hil.process import run, scratch
 from hil.wire.messages import ROLES
 
 if TYPE_CHECKING:
@@ -143,23 +143,25 @@ def _west(job: Job, progress: Progress) -> tuple[str, ...]:
             progress(step[0], f"{job.title}: {step[1]}")
 
     progress(0.01, f"{job.title}: configuring")
-    finished = run(
-        west.arguments(
-            job.source,
-            job.folder,
-            job.target,
-            job.build_id,
-            job.kconfig,
-            fresh=job.needs_fresh_folder(),
-        ),
-        name=f"build of {job.title}",
-        timeout_s=BUILD_LIMIT_S,
-        cwd=job.workspace.path,
-        env=environment,
-        on_line=show,
-        check=False,
-        error=BuildError,
-    )
+    # A compiler that is killed leaves its files where it keeps such.
+    with scratch("build") as temporary:
+        finished = run(
+            west.arguments(
+                job.source,
+                job.folder,
+                job.target,
+                job.build_id,
+                job.kconfig,
+                fresh=job.needs_fresh_folder(),
+            ),
+            name=f"build of {job.title}",
+            timeout_s=BUILD_LIMIT_S,
+            cwd=job.workspace.path,
+            env=environment | {"TMPDIR": str(temporary)},
+            on_line=show,
+            check=False,
+            error=BuildError,
+        )
     lines = tuple(west.plain(line) for line in finished.lines)
     job.folder.mkdir(parents=True, exist_ok=True)
     log = job.folder / LOG_NAME

@@ -158,6 +158,15 @@ def test_the_manifest_of_a_board_image_has_flash_and_ram(
     assert "BSIM_OUT_PATH" not in fake_west.calls[0][1]["env"]
 
 
+def test_what_compilers_keep_for_a_moment_is_gone_after_the_build(
+    place: Path, fake_west: FakeWest
+) -> None:
+    build("leader", "sim", root=place)
+    temporary = Path(fake_west.calls[0][1]["env"]["TMPDIR"])
+    assert temporary.name.startswith("hil-build-")
+    assert not temporary.exists()
+
+
 def test_a_disk_that_keeps_nothing_of_cmake_ends_the_build(
     place: Path, fake_west: FakeWest
 ) -> None:
