@@ -25,7 +25,7 @@ def soak(
     from hil.progress import bar  # noqa: PLC0415
     from hil.recording import load  # noqa: PLC0415
     from hil.report import terminal  # noqa: PLC0415
-    from hil.soak.figures import figures  # noqa: PLC0415
+    from hil.soak.figures import figures, short  # noqa: PLC0415
 
     with bar(f"reading {recording.name}") as progress:
         loaded = load(library.resolve(recording))
@@ -41,10 +41,10 @@ def soak(
     for row in found.rows:
         change, verdict = "too little is known", "–"
         if row.trend is not None:
-            change = f"{row.trend.change:+.3g} ± {row.trend.half_width:.2g}"
+            change = row.trend.words
             verdict = "drifts" if row.trend.drifts else "flat"
-        hourly = (f"{value:.4g}" for value in row.hours)
-        allowed = f"{row.track.allowed:.3g}"
+        hourly = (short(value) for value in row.hours)
+        allowed = short(row.track.allowed)
         table.add_row(f"{row.track.title}, {row.track.unit}", *hourly, change, allowed, verdict)
     console = terminal.console()
     console.print(table)

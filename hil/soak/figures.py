@@ -91,6 +91,11 @@ class Trend:
     significant: float
     drifts: bool
 
+    @property
+    def words(self) -> str:
+        """``+12.3 ± 4``, in the track's unit."""
+        return f"{'+' if self.change >= 0 else ''}{short(self.change)} ± {short(self.half_width)}"
+
 
 @dataclass(frozen=True)
 class Row:
@@ -118,6 +123,11 @@ class Soak:
 
 
 _KEPT: WeakKeyDictionary[Recording, Soak] = WeakKeyDictionary()
+
+
+def short(value: float) -> str:
+    """Three digits, or all before the point; never a power of ten for what people count in."""
+    return f"{value:.0f}" if abs(value) >= 100 else f"{value:.3g}"
 
 
 def duration_s(recording: Recording) -> float:

@@ -85,7 +85,7 @@ def _how(row: Row, duration_s: float) -> str:
     change = (
         "some are without a value, so no line was drawn"
         if row.trend is None
-        else f"it changes by {row.trend.change:.3g} ± {row.trend.half_width:.2g} {row.track.unit}; "
+        else f"it changes by {row.trend.words} {row.track.unit}; "
         "0 when that interval of 95 % holds zero"
     )
     return (
