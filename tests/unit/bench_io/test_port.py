@@ -166,7 +166,7 @@ def test_a_name_given_anew_while_opening_is_not_believed(board: Board, tmp_path:
 def test_a_port_that_stays_away_is_an_error(board: Board) -> None:
     with SerialPort(board.link, resolve=board.resolve, replug_limit_s=0.3) as port:
         os.write(board.master, b"last")
-        until(lambda: port._waiting)
+        until(lambda: port._waiting_bytes == len(b"last"))
         board.unplug()
         until(lambda: port._failure)
         assert port.read_bytes(1.0) == b"last"
