@@ -12,6 +12,7 @@ to the length. The INI is read by hand: sigrok's own reader (GLib) takes indente
 
 from __future__ import annotations
 
+import io
 import re
 import struct
 import zipfile
@@ -178,7 +179,8 @@ def _device(path: Path, text: str) -> dict[str, str]:
     """The keys of the first device."""
     section = ""
     keys: dict[str, str] = {}
-    for number, line in enumerate(map(str.strip, text.splitlines()), 1):
+    # str.splitlines() would cut at control characters too, which a name may hold.
+    for number, line in enumerate(map(str.strip, io.StringIO(text, newline=None)), 1):
         if not line or line.startswith("#"):
             continue
         if line.startswith("[") and line.endswith("]"):
@@ -224,6 +226,8 @@ def _channels(path: Path, keys: Mapping[str, str], unitsize: int) -> dict[str, i
         match = re.fullmatch(r"probe([1-9][0-9]{0,3})", key)
         if match is None:
             continue
+        if not name:
+            raise _bad(path, f"gives its {key} no name")
         if name in channels:
             raise _bad(path, f"has two channels called '{name[:40]}'")
         bit = int(match[1]) - 1

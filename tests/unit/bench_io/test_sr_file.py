@@ -94,6 +94,13 @@ def test_what_is_written_is_read_back_and_by_sigrok(tmp_path: Path, dtype: str) 
     assert np.array_equal(rows, np.stack([words & 1, words >> 5 & 1], axis=1))
 
 
+def test_a_name_may_hold_what_python_takes_for_the_end_of_a_line(tmp_path: Path) -> None:
+    channels = {"a\x1eb": 0, "c\u2028d": 1}
+    path = tmp_path / "capture.sr"
+    write_sr(path, in_memory(np.zeros(8, dtype="<u1"), channels, 8e6))
+    assert open_sr(path).channels == channels
+
+
 def test_ten_chunks_come_in_the_order_of_their_numbers(tmp_path: Path) -> None:
     path = session(tmp_path, chunks={f"logic-1-{n}": bytes([n]) for n in range(1, 13)})
     assert b"".join(open_sr(path).pieces()) == bytes(range(1, 13))
@@ -151,6 +158,8 @@ def test_the_sound_one_is_sound(tmp_path: Path) -> None:
         (lambda f: session(f, METADATA.replace("unitsize=1", "unitsize=4")), "no whole number"),
         (lambda f: session(f, METADATA.replace("probe1", "probe9")), "probe9"),
         (lambda f: session(f, METADATA.replace("probe1=D0\n", "")), "names no channel"),
+        (lambda f: session(f, METADATA.replace("probe1=D0", "probe1=")), "its probe1 no name"),
+        (lambda f: session(f, METADATA.replace("probe1=D0", "probe1=\x1e")), "its probe1 no name"),
         (lambda f: session(f, METADATA + "probe2=D0\n"), "two channels called"),
         (lambda f: session(f, METADATA.replace("8 MHz", "0 MHz")), "sample rate"),
         (lambda f: session(f, METADATA.replace("8 MHz", "-8 MHz")), "sample rate"),

@@ -162,6 +162,7 @@ CASES: dict[str, list[Case]] = {
         Case("a rate of 10^13 Hz", lambda: sigrok(METADATA.replace(b"1 MHz", b"9999 GHz"))),
         Case("a rate of NaN", lambda: sigrok(METADATA.replace(b"1 MHz", b"nan"))),
         Case("two channels of one name", lambda: sigrok(METADATA.replace(b"=b", b"=a"))),
+        Case("a channel without a name", lambda: sigrok(METADATA.replace(b"=b", b"="))),
         Case(
             "what steers a terminal",
             lambda: sigrok(METADATA.replace(b"=logic-1", b"=\x1b[2J")),
