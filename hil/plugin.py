@@ -17,7 +17,8 @@ imported when a fixture needs it.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -315,17 +316,18 @@ def recording(request: pytest.FixtureRequest) -> Recording:
         if spec.source == "replay":
             result = ReplayBackend(spec.path, inject=injections).run(None, None, _silent)
         else:
-            result = run.live(
-                board=spec.source,
-                scenario_path=spec.path,
-                workspace=session.workspace,
-                output=_output(session, spec),
-                progress=_terminal_progress(request.config),
-                bench=run.BenchOptions(
-                    request.config.rootpath / BENCH_FILE, session.images, session.lock_wait_s
-                ),
-                inject=injections,
-            )
+            with _output(session, spec, request.config) as output:
+                result = run.live(
+                    board=spec.source,
+                    scenario_path=spec.path,
+                    workspace=session.workspace,
+                    output=output,
+                    progress=_terminal_progress(request.config),
+                    bench=run.BenchOptions(
+                        request.config.rootpath / BENCH_FILE, session.images, session.lock_wait_s
+                    ),
+                    inject=injections,
+                )
             session.ran += 1
     except HilError as error:
         session.rig_failures.append(f"{spec.id}: {error}")
@@ -335,18 +337,32 @@ def recording(request: pytest.FixtureRequest) -> Recording:
     return result
 
 
-def _output(session: Session, spec: RunSpec) -> Path:
+@contextmanager
+def _output(session: Session, spec: RunSpec, config: pytest.Config) -> Iterator[Path]:
+    """Where the run is to be written; what an earlier run left there is gone."""
     from hil import library  # noqa: PLC0415
+    from hil.process import turn  # noqa: PLC0415
 
-    if session.record_name is None:
-        path = session.runs_dir / spec.source / spec.path.stem / library.FILE_NAME
-        if spec.source != "bench":
-            # On a bench another run may be writing it: that is known when the bench is held.
-            path.unlink(missing_ok=True)
-        return path
-    several = len(session.scenarios) != 1
-    name = f"{session.record_name}-{spec.path.stem}" if several else session.record_name
-    return library.target(session.recordings_dir, name)
+    if session.record_name is not None:
+        several = len(session.scenarios) != 1
+        name = f"{session.record_name}-{spec.path.stem}" if several else session.record_name
+        yield library.target(session.recordings_dir, name)
+        return
+    path = session.runs_dir / spec.source / spec.path.stem / library.FILE_NAME
+    if spec.source == "bench":
+        # The bench has a lock of its own, and what is there is deleted when that is held.
+        yield path
+        return
+    with turn(path.parent, lambda: _tell_waiting(config, path.parent)):
+        path.unlink(missing_ok=True)
+        yield path
+
+
+def _tell_waiting(config: pytest.Config, folder: Path) -> None:
+    reporter = config.pluginmanager.get_plugin("terminalreporter")
+    if reporter is not None:
+        reporter.ensure_newline()
+        reporter.write_line(f"hil: waiting for another pytest that is writing {folder}")
 
 
 def _silent(share: float, what: str) -> None:

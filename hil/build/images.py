@@ -3,10 +3,8 @@
 
 from __future__ import annotations
 
-import fcntl
 import os
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -18,7 +16,7 @@ from hil.build.job import Job, plan
 from hil.build.manifest import Manifest
 from hil.build.sources import KconfigValue
 from hil.errors import BuildError
-from hil.process import run, scratch
+from hil.process import run, scratch, turn
 from hil.wire.messages import ROLES
 
 if TYPE_CHECKING:
@@ -64,7 +62,7 @@ def build(
     """
     progress(0.0, f"{role} for {target}: looking for changes")
     job = plan(role, target, kconfig_overrides or {}, workspace, root)
-    with _turn(job.folder, lambda: progress(0.0, f"{job.title}: waiting for another build")):
+    with turn(job.folder, lambda: progress(0.0, f"{job.title}: waiting for another build")):
         before = manifest.load(job.folder)
         if before is not None and before.inputs_sha256 == job.inputs_sha256 and before.is_intact():
             image = replace(before, git=sources.git_state(job.root), unchanged=True)
@@ -217,16 +215,3 @@ def _warnings(lines: tuple[str, ...], before: Manifest | None, root: Path) -> tu
     since_s = datetime.fromisoformat(before.created_utc).timestamp()
     kept = (w for w in before.warnings if west.still_valid(w, lines, root, since_s))
     return tuple(dict.fromkeys((*kept, *found)))
-
-
-@contextmanager
-def _turn(folder: Path, waiting: Callable[[], None]) -> Iterator[None]:
-    """Hold the build folder for this process alone; the lock ends with the process."""
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    with (folder.parent / f".{folder.name}.lock").open("w") as lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            waiting()
-            fcntl.flock(lock, fcntl.LOCK_EX)
-        yield

@@ -12,6 +12,7 @@ from hil.process.ending import Ended, end_in_order
 from hil.process.guard import Guard
 from hil.process.run import Finished, capture, run
 from hil.process.scratch import scratch
+from hil.process.turn import turn
 
 __all__ = [
     "Child",
@@ -22,4 +23,5 @@ __all__ = [
     "end_in_order",
     "run",
     "scratch",
+    "turn",
 ]

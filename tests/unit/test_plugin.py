@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from fnmatch import fnmatch
 from pathlib import Path
 
@@ -10,6 +11,8 @@ import pytest
 
 from hil import synthesis
 from hil.plugin import EXIT_NOT_RUN_LIVE, EXIT_RIG_FAILURE
+from hil.process import turn
+from hil.recording import Recording, load
 
 pytest_plugins = ["pytester"]
 
@@ -174,3 +177,42 @@ def test_what_cannot_be_measured_is_skipped_with_the_reason(
     result = run(pytester, "--recording", recordings / "good", "-rs")
     result.assert_outcomes(skipped=1)
     result.stdout.fnmatch_lines(["*needs the true clocks*"])
+
+
+def test_two_simulations_of_one_scenario_take_turns(
+    pytester: pytest.Pytester, recordings: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Neither is given the other's recording, and none is deleted while it is written."""
+    pytester.makepyfile(SUITE)
+    (pytester.path / "clean.toml").write_text('name = "clean"\nduration_s = 10\n')
+    pytester.makeini(f"[pytest]\nhil_scenarios = {pytester.path}")
+    folder = pytester.path / "build" / "runs" / "sim" / "clean"
+    folder.mkdir(parents=True)
+    other = ExitStack()
+    other.enter_context(turn(folder, pytest.fail))
+    being_written = folder / "recording.mcap"
+    being_written.write_bytes(b"of the other one")
+    said: list[str] = []
+
+    def tell(config: pytest.Config, where: Path) -> None:
+        assert being_written.exists()
+        said.append(str(where))
+        other.close()
+
+    def live(*, output: Path, **options: object) -> Recording:
+        assert output == being_written
+        assert not output.exists()
+        with pytest.raises(RuntimeError, match="somebody has it"), turn(folder, somebody_has_it):
+            pass
+        return load(recordings / "good" / "recording.mcap")
+
+    monkeypatch.setattr("hil.plugin._tell_waiting", tell)
+    monkeypatch.setattr("hil.run.live", live)
+    run(pytester, "--board=sim").assert_outcomes(passed=2)
+    assert said == [str(folder)]
+    with turn(folder, pytest.fail):
+        pass
+
+
+def somebody_has_it() -> None:
+    raise RuntimeError("somebody has it")
