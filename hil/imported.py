@@ -21,6 +21,9 @@ NEEDS_SYNC: Final = ("I5", "I6")
 """Budget lines of the follower's times on the leader's clock, which only clock models give."""
 RADIO: Final = ("L3", "L4")
 """Budget lines of what the nodes count about their link and queues."""
+PERIOD: Final = "I3"
+"""Budget line of the period that a node measured; in an import it is whatever gives the times back
+exactly."""
 NOT_THERE: Final = "not applicable: imported samples came without "
 
 
@@ -59,6 +62,8 @@ def _missing(one: Measurement, alone: bool, silent: bool) -> str:
     """What a measurement needed and did not get; empty where it stands."""
     if not one.name.startswith(KEPT) or one.budget in RADIO:
         return "the messages of a node"
+    if one.budget == PERIOD and one.value is not None:
+        return "a period that a node measured"
     if one.value is None or not math.isnan(one.value):
         return ""
     if one.budget in NEEDS_SYNC:

@@ -21,11 +21,12 @@ SAMPLES = 4160
 HEADER = ",".join(["t_s", *(f"gyro_{a}_radps" for a in "xyz"), *(f"accel_{a}_mps2" for a in "xyz")])
 
 
-def made(tmp_path, *, sensors: int) -> Recording:
+def made(tmp_path, *, sensors: int, wander: float = 0.0) -> Recording:
     rng = np.random.default_rng(5)
     files = []
     for name in ("leader", "follower")[:sensors]:
         t_s = np.arange(SAMPLES) / 416.0
+        t_s += wander * np.sin(t_s)
         gyro = 0.01 * rng.standard_normal((SAMPLES, 3))
         accel = np.array([0.0, 0.0, 9.81]) + 0.02 * rng.standard_normal((SAMPLES, 3))
         files.append(tmp_path / f"{name}.csv")
@@ -53,6 +54,13 @@ def test_nothing_fails_that_was_never_there_and_nothing_of_it_passes(tmp_path, s
     follower = found["imu.follower.samples_lost"]
     assert follower.verdict is (Verdict.PASS if sensors == 2 else Verdict.UNSET)
     assert sensors == 2 or follower.how.endswith("without a follower")
+
+
+def test_a_rate_that_wanders_is_no_fault_of_a_period_that_nobody_stated(tmp_path):
+    found = {m.name: m for m in checks.evaluate(made(tmp_path, sensors=1, wander=1e-3))}
+    period = found["imu.leader.period_error_ppm"]
+    assert period.verdict is Verdict.UNSET
+    assert period.how.endswith("without a period that a node measured")
 
 
 def test_without_the_leaders_samples_an_import_fails(tmp_path):
