@@ -203,8 +203,7 @@ void wires()
 {
 	volatile std::uint16_t crc[3];
 	std::size_t size = 0, size_plainly = 0;
-	unsigned good = 0;
-	bool good_plainly = false;
+	bool good = false, good_plainly = false;
 
 	count("crc", [&] { crc[0] = wire_crc16(WIRE_CRC_SEED, payload, PAYLOAD); });
 	count("crc_table", [&] { crc[1] = crc_by_table(WIRE_CRC_SEED, payload, PAYLOAD); });
@@ -214,13 +213,9 @@ void wires()
 	count("frame_hand",
 	      [&] { size_plainly = frame_by_hand(framed_plainly, 7, 9, payload, PAYLOAD); });
 	demand(size == size_plainly && std::memcmp(framed, framed_plainly, size) == 0, "frame");
-	count("take", [&] {
-		for (std::size_t i = 0; i < size; i++) {
-			good += wire_rx_byte(&receiver, framed[i]) ? 1U : 0U;
-		}
-	});
+	count("take", [&] { wire_rx_take(&receiver, framed, size, &good); });
 	count("take_hand", [&] { good_plainly = take_by_hand(framed_plainly, size); });
-	demand(good == 1 && good_plainly &&
+	demand(good && good_plainly &&
 		       std::memcmp(wire_rx_payload(&receiver), framed_plainly + 5, PAYLOAD) == 0,
 	       "take");
 }

@@ -41,12 +41,19 @@ static diag_uart_command_cb command_cb;
 
 static void process_rx(struct k_work *work)
 {
-	uint8_t byte;
+	uint8_t bytes[RX_BUFFER_SIZE];
+	uint32_t size;
 
 	ARG_UNUSED(work);
-	while (ring_buf_get(&rx_ring, &byte, 1) == 1U) {
-		if (wire_rx_byte(&receiver, byte) && command_cb != NULL) {
-			command_cb(receiver.type, wire_rx_payload(&receiver), receiver.payload_len);
+	while ((size = ring_buf_get(&rx_ring, bytes, sizeof(bytes))) > 0U) {
+		for (size_t at = 0; at < size;) {
+			bool good;
+
+			at += wire_rx_take(&receiver, bytes + at, size - at, &good);
+			if (good && command_cb != NULL) {
+				command_cb(receiver.type, wire_rx_payload(&receiver),
+					   receiver.payload_len);
+			}
 		}
 	}
 }

@@ -1,6 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 #include "framing.h"
 
+#include <string.h>
+
 /* COBS ends a group at a zero, or, without one, after 254 bytes: that group has the code 0xFF. */
 #define COBS_FULL 0xFFu
 
@@ -85,13 +87,25 @@ size_t wire_frame(uint8_t *out, size_t out_size, uint8_t type, uint16_t seq, con
 	return s.fill;
 }
 
-static void rx_store(struct wire_rx *rx, uint8_t byte)
+static void rx_zero(struct wire_rx *rx)
 {
-	if (rx->fill == sizeof(rx->buffer)) {
+	if (rx->fill < sizeof(rx->buffer)) {
+		rx->buffer[rx->fill++] = 0;
+	} else {
 		rx->overflowed = true;
-		return;
 	}
-	rx->buffer[rx->fill++] = byte;
+}
+
+static void rx_run(struct wire_rx *rx, const uint8_t *data, size_t len)
+{
+	size_t room = sizeof(rx->buffer) - rx->fill;
+
+	if (len > room) {
+		rx->overflowed = true;
+		len = room;
+	}
+	memcpy(rx->buffer + rx->fill, data, len);
+	rx->fill += len;
 }
 
 static bool rx_is_frame(const struct wire_rx *rx)
@@ -127,24 +141,46 @@ static bool rx_delimiter(struct wire_rx *rx)
 	return good;
 }
 
-bool wire_rx_byte(struct wire_rx *rx, uint8_t byte)
+/* Takes apart bytes without a delimiter: groups, whose first and last may be cut. */
+static void rx_groups(struct wire_rx *rx, const uint8_t *data, size_t len)
 {
-	if (byte == 0) {
-		return rx_delimiter(rx);
+	while (len > 0) {
+		size_t run = len < rx->left ? len : rx->left;
+
+		if (run > 0) {
+			rx_run(rx, data, run);
+			rx->left = (uint8_t)(rx->left - run);
+		} else {
+			/* A group stands for the zero behind it, unless it is full or the last. */
+			if (rx->code != 0 && rx->code != COBS_FULL) {
+				rx_zero(rx);
+			}
+			rx->code = *data;
+			rx->left = (uint8_t)(rx->code - 1u);
+			run = 1;
+		}
+		data += run;
+		len -= run;
 	}
-	if (!rx->delimited) {
-		return false;
+}
+
+size_t wire_rx_take(struct wire_rx *rx, const uint8_t *data, size_t len, bool *good)
+{
+	size_t at = 0;
+
+	*good = false;
+	while (at < len && !*good) {
+		const uint8_t *end = (const uint8_t *)memchr(data + at, 0, len - at);
+		size_t chunk = end != NULL ? (size_t)(end - data) - at : len - at;
+
+		if (rx->delimited) {
+			rx_groups(rx, data + at, chunk);
+		}
+		at += chunk;
+		if (end != NULL) {
+			*good = rx_delimiter(rx);
+			at++;
+		}
 	}
-	if (rx->left > 0) {
-		rx->left--;
-		rx_store(rx, byte);
-		return false;
-	}
-	/* A group stands for the zero behind it, unless it is full or the last. */
-	if (rx->code != 0 && rx->code != COBS_FULL) {
-		rx_store(rx, 0);
-	}
-	rx->code = byte;
-	rx->left = (uint8_t)(byte - 1u);
-	return false;
+	return at;
 }

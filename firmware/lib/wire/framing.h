@@ -38,7 +38,7 @@ extern "C" {
 /* Largest frame, delimiters included, that a payload of len bytes can make. */
 #define WIRE_FRAME_MAX(len) (2u + WIRE_COBS_MAX((len) + WIRE_HEADER_SIZE + WIRE_CRC_SIZE))
 
-/* Largest payload that wire_rx_byte() takes; longer frames are rejected. */
+/* Largest payload that wire_rx_take() takes; longer frames are rejected. */
 #ifndef WIRE_RX_PAYLOAD_MAX
 #define WIRE_RX_PAYLOAD_MAX WIRE_MAX_PAYLOAD_SIZE
 #endif
@@ -58,7 +58,7 @@ size_t wire_frame(uint8_t *out, size_t out_size, uint8_t type, uint16_t seq, con
 
 /* Receiver of frames. All zero is its initial state. */
 struct wire_rx {
-	/* The frame, valid from the moment wire_rx_byte() returns true until its next call. */
+	/* The frame, valid from the moment that wire_rx_take() says so until its next call. */
 	uint8_t type;
 	uint16_t seq;
 	size_t payload_len;
@@ -76,10 +76,13 @@ struct wire_rx {
 	bool overflowed; /* the chunk is longer than any frame that is taken */
 };
 
-/* Takes one byte from the line. Returns true when it ended a good frame. */
-bool wire_rx_byte(struct wire_rx *rx, uint8_t byte);
+/*
+ * Takes bytes from the line, up to the end of the first good frame or all of them. Returns how many
+ * were taken; *good says whether the last of them ended a good frame. Call again for the rest.
+ */
+size_t wire_rx_take(struct wire_rx *rx, const uint8_t *data, size_t len, bool *good);
 
-/* Payload of the frame just received: rx->payload_len bytes, valid until the next byte. */
+/* Payload of the frame just received: rx->payload_len bytes, valid until the next call. */
 static inline const uint8_t *wire_rx_payload(const struct wire_rx *rx)
 {
 	return rx->buffer + WIRE_HEADER_SIZE;

@@ -41,7 +41,7 @@ static void check_frame(const struct wire_rx *rx)
 	uint8_t line[WIRE_FRAME_MAX(WIRE_RX_PAYLOAD_MAX)];
 	struct wire_rx again;
 	size_t size;
-	bool taken = false;
+	bool taken;
 
 	CHECK(rx->payload_len <= WIRE_RX_PAYLOAD_MAX);
 	size = wire_frame(line, sizeof(line), rx->type, rx->seq, wire_rx_payload(rx),
@@ -49,20 +49,41 @@ static void check_frame(const struct wire_rx *rx)
 	CHECK(size >= WIRE_FRAME_OVERHEAD && size <= sizeof(line));
 	memset(&again, 0, sizeof(again));
 	for (size_t i = 0; i < size; i++) {
-		CHECK(!taken);
 		CHECK((line[i] == 0U) == (i == 0U || i == size - 1U));
-		taken = wire_rx_byte(&again, line[i]);
 	}
+	CHECK(wire_rx_take(&again, line, size, &taken) == size);
 	CHECK(taken && again.type == rx->type && again.seq == rx->seq);
 	CHECK(again.payload_len == rx->payload_len);
 	CHECK(memcmp(wire_rx_payload(&again), wire_rx_payload(rx), rx->payload_len) == 0);
 }
 
+/* As many bytes, one by one, leave the receiver in the same state. */
+static void check_bytewise(struct wire_rx *before, const struct wire_rx *after,
+			   const uint8_t *line, size_t size, bool good)
+{
+	bool ended = false;
+
+	for (size_t i = 0; i < size; i++) {
+		CHECK(!ended);
+		CHECK(wire_rx_take(before, line + i, 1, &ended) == 1U);
+	}
+	CHECK(ended == good);
+	CHECK(memcmp(before, after, sizeof(*after)) == 0);
+}
+
 static void take(struct wire_rx *rx, const uint8_t *line, size_t size)
 {
-	for (size_t i = 0; i < size; i++) {
-		if (wire_rx_byte(rx, line[i])) {
-			CHECK(line[i] == 0U);
+	for (size_t at = 0; at < size;) {
+		struct wire_rx before = *rx;
+		bool good;
+		size_t taken = wire_rx_take(rx, line + at, size - at, &good);
+
+		CHECK(taken > 0U && taken <= size - at);
+		check_bytewise(&before, rx, line + at, taken, good);
+		at += taken;
+		CHECK(good || at == size);
+		if (good) {
+			CHECK(line[at - 1U] == 0U);
 			check_frame(rx);
 			check_message(rx->type, wire_rx_payload(rx), rx->payload_len);
 		}

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Feeds standard input to wire_rx_byte() and does with each good frame all that can be done with
+ * Feeds standard input to wire_rx_take() and does with each good frame all that can be done with
  * one, in heap blocks of exactly the right size, so that a sanitizer sees any step outside. Prints
  * the receiver's counters. Exits with 1 when a frame or a payload does not survive its round trip.
  */
@@ -59,13 +59,10 @@ static void check_frame(const struct wire_rx *rx)
 	size_t size = wire_frame(frame, room, rx->type, rx->seq, wire_rx_payload(rx),
 				 rx->payload_len);
 	struct wire_rx second;
-	bool good = false;
+	bool good;
 
 	memset(&second, 0, sizeof(second));
-	for (size_t i = 0; i < size; i++) {
-		good = wire_rx_byte(&second, frame[i]);
-	}
-	if (!good || second.type != rx->type || second.seq != rx->seq ||
+	if (wire_rx_take(&second, frame, size, &good) != size || !good || second.type != rx->type || second.seq != rx->seq ||
 	    second.payload_len != rx->payload_len ||
 	    memcmp(wire_rx_payload(&second), wire_rx_payload(rx), rx->payload_len) != 0) {
 		fail("a frame made from a received one is not received as the same");
@@ -77,18 +74,49 @@ static void check_frame(const struct wire_rx *rx)
 	free(frame);
 }
 
-int main(void)
+/* What comes in pieces is received as what comes byte by byte. */
+static void check_bytes(const struct wire_rx *rx, struct wire_rx *bytewise, const uint8_t *data,
+			size_t len, bool good)
 {
-	struct wire_rx rx;
-	int byte;
+	bool ended = false;
 
-	memset(&rx, 0, sizeof(rx));
-	while ((byte = getchar()) != EOF) {
-		if (wire_rx_byte(&rx, (uint8_t)byte)) {
-			check_payload(wire_rx_payload(&rx), rx.payload_len);
-			check_frame(&rx);
+	for (size_t i = 0; i < len; i++) {
+		if (ended || wire_rx_take(bytewise, data + i, 1, &ended) != 1) {
+			fail("a byte was not taken, or not the last one ended a frame");
 		}
 	}
+	if (ended != good || memcmp(rx, bytewise, sizeof(*rx)) != 0) {
+		fail("what comes in pieces is not received as what comes byte by byte");
+	}
+}
+
+int main(void)
+{
+	struct wire_rx rx, bytewise;
+	size_t room = 1;
+	size_t size;
+	uint8_t *piece;
+
+	memset(&rx, 0, sizeof(rx));
+	memset(&bytewise, 0, sizeof(bytewise));
+	do {
+		/* Pieces of 1 to 96 bytes, in an order without a pattern. */
+		room = room * 5 % 97;
+		piece = allocate(room);
+		size = fread(piece, 1, room, stdin);
+		for (size_t at = 0; at < size;) {
+			bool good;
+			size_t taken = wire_rx_take(&rx, piece + at, size - at, &good);
+
+			check_bytes(&rx, &bytewise, piece + at, taken, good);
+			if (good) {
+				check_payload(wire_rx_payload(&rx), rx.payload_len);
+				check_frame(&rx);
+			}
+			at += taken;
+		}
+		free(piece);
+	} while (size == room);
 	(void)printf("%lu %lu\n", (unsigned long)rx.frames, (unsigned long)rx.rejected);
 	return 0;
 }

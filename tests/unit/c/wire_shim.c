@@ -66,8 +66,11 @@ struct shim_counts shim_receive(const uint8_t *data, size_t len, shim_report rep
 	struct shim_counts counts;
 
 	memset(&rx, 0, sizeof(rx));
-	for (size_t i = 0; i < len; i++) {
-		if (wire_rx_byte(&rx, data[i])) {
+	for (size_t at = 0; at < len;) {
+		bool good;
+
+		at += wire_rx_take(&rx, data + at, len - at, &good);
+		if (good) {
 			report(rx.type, rx.seq, wire_rx_payload(&rx), rx.payload_len);
 		}
 	}
