@@ -17,7 +17,7 @@ from hil.recording import Recording, load
 
 def arrays(recording: Recording) -> dict[str, np.ndarray]:
     """Everything in the recording that is as long as the run."""
-    found = {}
+    found: dict[str, np.ndarray] = {}
     for role, stream in recording.serial.items():
         found[f"{role}.data"] = stream.data
         found[f"{role}.block_offset"] = stream.block_offset

@@ -8,6 +8,7 @@ checks that both come to the same. All are compiled as ``firmware/apps/common.co
 from __future__ import annotations
 
 import shutil
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final
 
@@ -73,8 +74,8 @@ def counts() -> dict[str, int]:
         elf = folder / "target.elf"
         run(
             (
-                *(cpp, *image.MACHINE, *image.LINK, "-T", firmware / "pil" / image.SCRIPT),
-                *(*objects, *image.LIBRARIES, "-o", elf),
+                *(cpp, *image.MACHINE, *image.LINK, "-T", str(firmware / "pil" / image.SCRIPT)),
+                *(*map(str, objects), *image.LIBRARIES, "-o", str(elf)),
             ),
             name="linking for the emulated processor",
             timeout_s=LIMIT_S,
@@ -94,7 +95,7 @@ def counts() -> dict[str, int]:
     return read(told)
 
 
-def read(lines: list[str]) -> dict[str, int]:
+def read(lines: Sequence[str]) -> dict[str, int]:
     """What the program said: ``target: <name> <ticks>`` a line.
 
     Raises:
