@@ -34,8 +34,8 @@ def _row(duration: int) -> Row:
         lacking=""
         if met
         else f"{seconds / 10:.1f} times the time, {peak_mb / 500:.1f} times the memory: the "
-        "records of both streams and the curves before they are thinned out are held at once; "
-        "thinning each curve as it is made comes next",
+        "recording, its records and what the checks keep for each other are held at once; letting "
+        "go of a suite's arrays when the next one does not ask for them comes next",
     )
 
 
