@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -361,8 +361,8 @@ def _output(session: Session, spec: RunSpec, config: pytest.Config) -> Iterator[
 def _tell_waiting(config: pytest.Config, folder: Path) -> None:
     reporter = config.pluginmanager.get_plugin("terminalreporter")
     if reporter is not None:
-        reporter.ensure_newline()
-        reporter.write_line(f"hil: waiting for another pytest that is writing {folder}")
+        with _not_captured(config):
+            reporter.write_line(f"hil: waiting for another pytest that is writing {folder}")
 
 
 def _silent(share: float, what: str) -> None:
@@ -375,9 +375,19 @@ def _terminal_progress(config: pytest.Config) -> Callable[[float, str], None]:
         return _silent
 
     def show(share: float, what: str) -> None:
-        reporter.rewrite(f"  {share:4.0%} {what:<60.60}", erase=True)
+        with _not_captured(config):
+            reporter.ensure_newline()
+            reporter.rewrite(f"  {share:4.0%} {what:<60.60}" if share < 1.0 else "", erase=True)
+            if share >= 1.0:
+                reporter.rewrite("")  # Back to the beginning of the line that is empty now.
 
     return show
+
+
+def _not_captured(config: pytest.Config) -> AbstractContextManager[None]:
+    """What is written within goes to the terminal, also while a fixture is at work."""
+    capture = config.pluginmanager.get_plugin("capturemanager")
+    return capture.global_and_fixture_disabled() if capture is not None else nullcontext()
 
 
 @pytest.fixture(scope="session")

@@ -3,7 +3,10 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+import os
+import subprocess
+import sys
+from contextlib import ExitStack, suppress
 from fnmatch import fnmatch
 from pathlib import Path
 
@@ -12,7 +15,6 @@ import pytest
 from hil import synthesis
 from hil.plugin import EXIT_NOT_RUN_LIVE, EXIT_RIG_FAILURE
 from hil.process import turn
-from hil.recording import Recording, load
 
 pytest_plugins = ["pytester"]
 
@@ -179,40 +181,55 @@ def test_what_cannot_be_measured_is_skipped_with_the_reason(
     result.stdout.fnmatch_lines(["*needs the true clocks*"])
 
 
+SIMULATED = """
+import hil.run
+from hil.recording import load
+
+def live(*, output, progress, **options):
+    assert not output.exists()
+    progress(0.5, "half of it")
+    return load({recording!r})
+
+hil.run.live = live
+"""
+"""Stands in for a simulation, in a pytest of its own process."""
+
+
+@pytest.mark.timeout(60)
 def test_two_simulations_of_one_scenario_take_turns(
-    pytester: pytest.Pytester, recordings: Path, monkeypatch: pytest.MonkeyPatch
+    pytester: pytest.Pytester, recordings: Path
 ) -> None:
-    """Neither is given the other's recording, and none is deleted while it is written."""
-    pytester.makepyfile(SUITE)
+    """None is deleted while it is written; on a terminal the waiting and the progress are seen."""
+    recording = str(recordings / "good" / "recording.mcap")
+    pytester.makeconftest(SIMULATED.format(recording=recording))
+    test = pytester.makepyfile(SUITE)
     (pytester.path / "clean.toml").write_text('name = "clean"\nduration_s = 10\n')
     pytester.makeini(f"[pytest]\nhil_scenarios = {pytester.path}")
     folder = pytester.path / "build" / "runs" / "sim" / "clean"
     folder.mkdir(parents=True)
-    other = ExitStack()
-    other.enter_context(turn(folder, pytest.fail))
     being_written = folder / "recording.mcap"
     being_written.write_bytes(b"of the other one")
-    said: list[str] = []
-
-    def tell(config: pytest.Config, where: Path) -> None:
-        assert being_written.exists()
-        said.append(str(where))
-        other.close()
-
-    def live(*, output: Path, **options: object) -> Recording:
-        assert output == being_written
-        assert not output.exists()
-        with pytest.raises(RuntimeError, match="somebody has it"), turn(folder, somebody_has_it):
-            pass
-        return load(recordings / "good" / "recording.mcap")
-
-    monkeypatch.setattr("hil.plugin._tell_waiting", tell)
-    monkeypatch.setattr("hil.run.live", live)
-    run(pytester, "--board=sim").assert_outcomes(passed=2)
-    assert said == [str(folder)]
-    with turn(folder, pytest.fail):
-        pass
-
-
-def somebody_has_it() -> None:
-    raise RuntimeError("somebody has it")
+    seen, untouched = b"", False
+    terminal, of_child = os.openpty()
+    with ExitStack() as other, os.fdopen(terminal, "rb", buffering=0) as screen:
+        other.enter_context(turn(folder, pytest.fail))
+        child = subprocess.Popen(
+            [sys.executable, "-m", "pytest", "-p", "no:cacheprovider", "--board=sim", test],
+            stdout=of_child,
+            env=os.environ | {"COLUMNS": "250"},
+        )
+        os.close(of_child)
+        with child, suppress(OSError):  # EIO: the child's end of the terminal is closed.
+            try:
+                while piece := screen.read(4096):
+                    seen += piece
+                    if not untouched and b"waiting for another pytest" in seen:
+                        untouched = being_written.exists()
+                        other.close()
+            finally:
+                other.close()
+    assert child.returncode == 0, seen.decode()
+    assert untouched
+    assert f"waiting for another pytest that is writing {folder}" in seen.decode()
+    assert b" 50% half of it" in seen
+    assert b"2 passed" in seen
