@@ -627,7 +627,8 @@ LINES: Final[tuple[Line, ...]] = (
         "excludes zero",
         "KiB",
         "a recording's index, written at its end, has an entry of at most 1.1 KiB for each chunk, "
-        "of which one is closed each second; a third more for the allocator: 1.1 * 4 / 3 = 1.47",
+        "of which one is closed each second; a third more for the allocator: 1.1 * 4 / 3 = 1.47; "
+        "from 300 s on, when the recorder's buffers have their size",
         (Case("always", _always, high=1.47),),
     ),
     Line(

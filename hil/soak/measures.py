@@ -4,12 +4,13 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hil.budget import judged
 from hil.measure import Measurement
 from hil.recording import Recording
 from hil.series import LimitLine, Series
-from hil.soak.figures import LOSSES_LINE, PARTS, Row, figures, is_long
+from hil.soak.figures import LOSSES_LINE, PARTS, Row, figures, is_long, part_edges_s
 from hil.streams import conditions
 
 
@@ -51,24 +52,33 @@ def series(recording: Recording) -> list[Series]:
     if not is_long(recording):
         return []
     found = figures(recording)
-    middle_s = (np.arange(PARTS) + 0.5) * found.duration_s / PARTS
     return [
         Series(
             name=f"soak.{row.track.name}",
             title=row.track.title,
             x_unit="s",
             y_unit=row.track.unit,
-            x=middle_s,
+            x=_middle_s(row, found.duration_s),
             y=np.array(row.parts),
             kind="points",
             limits=_limits(row),
             clock="bench",
             y_label=row.track.title,
             check=f"soak.{row.track.name}_{row.track.unit.lower()}",
-            caption=f"Each point is 1/{PARTS} of the run; the trend is a line through them.",
+            caption=f"Each point is 1/{PARTS} of the run{_since(row)}; the trend is a line through "
+            "them.",
         )
         for row in found.rows
     ]
+
+
+def _middle_s(row: Row, duration_s: float) -> NDArray[np.float64]:
+    edges_s = part_edges_s(row.track, duration_s)
+    return np.asarray((edges_s[:-1] + edges_s[1:]) / 2, dtype=np.float64)
+
+
+def _since(row: Row) -> str:
+    return f" from {row.track.begin_s:.0f} s on" if row.track.begin_s else ""
 
 
 def _limits(row: Row) -> tuple[LimitLine, ...]:
@@ -90,7 +100,7 @@ def _how(row: Row, duration_s: float) -> str:
     )
     return (
         f"{row.track.title}: least squares through {PARTS} equal parts of "
-        f"{duration_s / 3600:.2f} h; {change}"
+        f"{duration_s / 3600:.2f} h{_since(row)}; {change}"
     )
 
 
