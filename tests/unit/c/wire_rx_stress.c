@@ -62,7 +62,8 @@ static void check_frame(const struct wire_rx *rx)
 	bool good;
 
 	memset(&second, 0, sizeof(second));
-	if (wire_rx_take(&second, frame, size, &good) != size || !good || second.type != rx->type || second.seq != rx->seq ||
+	if (wire_rx_take(&second, frame, size, &good) != size || !good ||
+	    second.type != rx->type || second.seq != rx->seq ||
 	    second.payload_len != rx->payload_len ||
 	    memcmp(wire_rx_payload(&second), wire_rx_payload(rx), rx->payload_len) != 0) {
 		fail("a frame made from a received one is not received as the same");
